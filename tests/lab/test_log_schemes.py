@@ -507,4 +507,4 @@ def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_pa
     assert "guessed" not in tselab_here("estimate", "--verbose", *run, "--strict", cwd=tmp_path).err
     (tmp_path / "s.toml").write_text(sure + "unsure = true\n")
     wrong = tselab_here("estimate", "--verbose", *run, cwd=tmp_path)
-    assert wrong.code == 2 and "unsure: must say what is" in wrong.err
+    assert wrong.code == 2 and "unsure: must state what is unsure" in wrong.err

@@ -359,5 +359,5 @@ def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFra
 def test_above_is_for_the_brake_alone(tmp_path: Path) -> None:
     path = tmp_path / "signals.toml"
     path.write_text('[signals.accel_x]\nname = "a"\nabove = 2.0\n', encoding="utf-8")
-    with pytest.raises(UserError, match="above: is for brake"):
+    with pytest.raises(UserError, match="above: is allowed for brake only"):
         read_signals(path)

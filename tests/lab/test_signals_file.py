@@ -44,7 +44,7 @@ unit = "deg/s"
 """
 FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of the message
     "no TOML": ('name = "lrw"', "name = = 3", ["not valid TOML", "line 2"]),
-    "empty": (GOOD, "", ["names no channel", "tselab signals"]),
+    "empty": (GOOD, "", ["assigns no channel", "tselab signals"]),
     "table": (
         "[signals.steer_angle]",
         "[signal.steer_angle]",
@@ -62,32 +62,36 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of
     ),
     "no name": ('name = "lrw"\n', "", ["line 1", "name", "must be the name of a signal"]),
     "name of no signal": ('"lrw"', '"lrv"', ["'lrv'", "did you mean lrw?"]),
-    "three wheels": ('["vl", "vr"]', '["vl", "vr", "hl"]', ["line 6", "two of them: left and right"]),
-    "same wheel": ('["vl", "vr"]', '["vl", "vl"]', ["line 6", "cannot be both wheels"]),
-    "two yaw rates": ('"gier"', '["gier", "aq"]', ["line 17", "two names are for wheels"]),
-    "unit": ('unit = "deg/s"', 'unit = "degz"', ["line 18", "'degz' is no unit", "rad/s, deg/s"]),
+    "three wheels": ('["vl", "vr"]', '["vl", "vr", "hl"]', ["line 6", "two names: left and right"]),
+    "same wheel": ('["vl", "vr"]', '["vl", "vl"]', ["line 6", "cannot be both left and right wheel"]),
+    "two yaw rates": ('"gier"', '["gier", "aq"]', ["line 17", "two names are allowed for wheels"]),
+    "unit": ('unit = "deg/s"', 'unit = "degz"', ["line 18", "'degz' is not a known unit", "rad/s, deg/s"]),
     "unit of another kind": (
         'unit = "deg/s"',
         'unit = "Nm"',
-        ["line 18", "cannot be turned into rad/s", "deg/s"],
+        ["line 18", "cannot be converted to rad/s", "deg/s"],
     ),
-    "sign": ("ratio = 15.0", "ratio = 15.0\nsign = 2", ["line 5", "sign: 2 is not allowed; 1 and -1"]),
+    "sign": (
+        "ratio = 15.0",
+        "ratio = 15.0\nsign = 2",
+        ["line 5", "sign: 2 is not allowed; allowed: 1 and -1"],
+    ),
     "ratio": ("ratio = 15.0", "ratio = 0.1", ["line 4", "ratio: 0.1 is out of range; allowed: 0.5 .. 100"]),
     "ratio as text": ("ratio = 15.0", 'ratio = "15"', ["line 4", "'15' is no number", "0.5 .. 100"]),
-    "ratio of one row": ("ratio = 15.0", "ratio = [[0, 15]]", ["line 4", "two rows or more"]),
+    "ratio of one row": ("ratio = 15.0", "ratio = [[0, 15]]", ["line 4", "at least two rows"]),
     "ratio falls": (
         "ratio = 15.0",
         "ratio = [[0, 15], [-10, 14]]",
         ["line 4", "row 2: angles must increase: -10 follows 0"],
     ),
     "ratio's range": ("ratio = 15.0", "ratio = [[0, 15], [10, 900]]", ["line 4", "row 2", "0.5 .. 100"]),
-    "ratio of a wheel": ("[signals.accel_y]", "[signals.accel_y]\nratio = 15", ["ratio", "of steer_angle"]),
+    "ratio of a wheel": ("[signals.accel_y]", "[signals.accel_y]\nratio = 15", ["ratio", "for steer_angle"]),
     "latency in ms": (
         'unit = "g"',
         'unit = "g"\nlatency = 20',
         ["line 16", "latency: 20 is out of range; allowed: -1 .. 1 s"],
     ),
-    "scale": ('unit = "g"', 'unit = "g"\nscale = 0', ["scale", "0 leaves nothing"]),
+    "scale": ('unit = "g"', 'unit = "g"\nscale = 0', ["scale", "0 makes the signal 0"]),
     "radius": (
         "radius = 0.3\n[signals.wheel_speed_rear]",
         "radius = 33\n[signals.wheel_speed_rear]",
@@ -118,7 +122,7 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of
     "time's unit": (
         "[signals.steer_angle]",
         '[log]\ntime_unit = "m"\n[signals.steer_angle]',
-        ["line 2", "'m' is no unit of time"],
+        ["line 2", "'m' is not a unit of time"],
     ),
     "database": (
         "[signals.steer_angle]",
@@ -246,7 +250,7 @@ def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(driv
     (tmp_path / "log.signals.toml").write_text("".join(text))
     log = read_log(tmp_path / "log.csv")
     np.testing.assert_allclose(log.data["yaw_rate"], drive.table().yaw_rate.astype(float), atol=1e-12)
-    assert any("signals by" in n for n in log.notes)
+    assert any("signals are assigned by" in n for n in log.notes)
 
 
 BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, words of the message

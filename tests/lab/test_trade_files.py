@@ -314,8 +314,8 @@ def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip)
     assert found.missing == [] and found["yaw_rate"].name == ("omega",)
     assert found["wheel_speed_front"].name == ("wheel_fl", "wheel_fr")
     assert (found["wheel_speed_front"].unit == "km/h") == warned
-    assert any("is not known: km/h is proposed" in w for w in found.warnings) == warned
-    assert not any("but its size" in w for w in found.warnings)
+    assert any("is unknown: km/h is proposed" in w for w in found.warnings) == warned
+    assert not any("but its values fit" in w for w in found.warnings)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Align the clocks of groups of signals in a file, by correlation.
 
-Some formats have a time per group of signals. The clock of a group may be off by seconds,
-or by an epoch.
+In some formats, each group of signals has its own times. The clocks of groups may differ
+by seconds, or may count from different epochs.
 """
 
 from dataclasses import dataclass, replace
@@ -13,15 +13,15 @@ from tse.readers.recording import Channel, Recording, list_names
 
 # formats whose signals share one clock
 ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather")
-CORRELATION_RATE = 10.0  # Hz of the signals that are correlated
-CORRELATION_MEAN = 0.5  # s of the moving mean before
-MIN_SHIFT = 0.5  # s: a smaller shift is a latency, found by find_latencies()
-MIN_SHARED = 0.6  # min overlap of two signals at a shift, over the shorter one
-MIN_SHIFT_CORR = 0.8  # min correlation at the shift
-MIN_CORR_GAIN = 0.15  # min gain of correlation over that without a shift
-MAX_CORRELATED_ROWS = 1 << 16  # of a signal: 1.8 h
-MIN_GROUP_SAMPLES = 100
-# s: longer or later signals are not correlated
+CORRELATION_RATE = 10.0  # [Hz] sampling rate at which signals are correlated
+CORRELATION_MEAN = 0.5  # [s] length of the moving mean of signals before the correlation
+MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
+MIN_SHARED = 0.6  # [1] min overlap of two shifted signals, over the length of the shorter one
+MIN_SHIFT_CORR = 0.8  # min correlation of two signals with the shift
+MIN_CORR_GAIN = 0.15  # min difference of this correlation to that without the shift
+MAX_CORRELATED_ROWS = 1 << 16  # max number of values of a signal that are correlated: 1.8 h
+MIN_GROUP_SAMPLES = 100  # min number of values in a group
+# [s] max duration of a signal that is correlated, and max of its first time
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
 MAX_GROUPS = 64  # a file with more groups is not aligned
 
@@ -30,7 +30,7 @@ MAX_GROUPS = 64  # a file with more groups is not aligned
 class ClockGroup:
     """Channels that share a clock."""
 
-    number: int  # place in the file, from 1
+    number: int  # position in the file, from 1
     channels: list[Channel]
 
     @property
@@ -40,27 +40,29 @@ class ClockGroup:
         return float(good.min()), float(good.max())
 
     def describe(self) -> str:
-        """Return its number and its first signals, in words."""
+        """Return number and first signals of the group, in words."""
         more = ", ..." if len(self.channels) > 3 else ""
         return f"group {self.number} ({list_names(c.short for c in self.channels[:3])}{more})"
 
 
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:
-    """Shift the groups of signals whose clock is off.
+    """Shift the times of groups of signals to a common clock.
+
+    The clock of the group with the best signals of the motion is the reference.
 
     Parameters
     ----------
     recording : Recording
         The log.
     warnings : list of str
-        Extended by a warning for each group whose clock is off.
+        The function appends a warning for each group with a different clock.
 
     Returns
     -------
     Recording
         The log with corrected times.
     dict of str to float
-        By name of each shifted signal: the shift that was subtracted from its times, s.
+        Name of each shifted signal -> shift that was subtracted from its times, s.
     """
     groups = _group_channels(recording)
     if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MAX_GROUPS:
@@ -106,7 +108,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
 
 
 def _group_channels(recording: Recording) -> list[ClockGroup]:
-    """Return the groups of channels that share their times."""
+    """Return the groups of channels that have the same times."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
@@ -115,7 +117,7 @@ def _group_channels(recording: Recording) -> list[ClockGroup]:
 
 
 def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
-    """Return the spans of two groups in words if they hardly overlap, else ""."""
+    """Return the time spans of b and a in words if they hardly overlap, otherwise ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
     if shared > 0.5 * min(a1 - a0, b1 - b0):
@@ -131,10 +133,10 @@ def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
 
 
 def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return signals of the motion of the car, each as time and value.
+    """Return signals of the motion of the car, each as times and values.
 
-    "turn" is proportional to the yaw rate, "change" to the derivative of the speed,
-    "speed" to the speed."""
+    The signal "turn" is proportional to the yaw rate, "change" to the derivative of the
+    speed, "speed" to the speed."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
     for axle in ("rear", "front"):
@@ -155,7 +157,9 @@ def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
-    """Return start and values of a signal at CORRELATION_RATE; None: it is constant."""
+    """Return start time and values of a signal resampled at CORRELATION_RATE.
+
+    `derive`: differentiate it. None: the signal is constant, too short or too long."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
     if len(time) < MIN_GROUP_SAMPLES:
@@ -179,9 +183,10 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
 
 
 def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
-    """Return by how much the clock of b is ahead of that of a, s, and the correlation.
+    """Return the shift by which the clock of b is ahead of that of a, s, and the
+    correlation with this shift.
 
-    None: the clocks agree, or no signals show a shift."""
+    None: the clocks agree, or no pair of signals correlates well enough."""
     mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (
@@ -205,12 +210,14 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift of max correlation, s; the correlations with and without it."""
+    """Return the shift of max correlation, s, and the correlations with and without it.
+
+    `one`, `two`: start time and values of each signal."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
     def correlate_all(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the sums of p q at all shifts."""
+        """Return the sum of p(i) q(i + k) for all shifts k."""
         return np.fft.irfft(np.conj(np.fft.rfft(p, size)) * np.fft.rfft(q, size), size)
 
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
@@ -225,9 +232,9 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     steps = np.where(steps > size // 2, steps - size, steps)
     before, top, after = corr[k - 1], corr[k], corr[(k + 1) % size]
     bend = before - 2.0 * top + after
-    # vertex of the parabola through the three values
+    # offset of the vertex of the parabola through the three values, in steps
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    # entry i of a corresponds to entry i + k of b
+    # value i of a corresponds to value i + k of b
     lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0

@@ -114,8 +114,8 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
 
 
 def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
-    """Warn if, compared with the wheel speeds, all lateral channels are positive to the
-    right."""
+    """Warn if all lateral channels are positive to the right, judged by the wheel
+    speeds."""
     lateral = ("yaw_rate", "accel_y", "steer_angle")
     if not all(c in found and found[c].sign < 0 for c in lateral):
         return
@@ -129,8 +129,7 @@ def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> Non
 
 
 def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
-    """Return the source of a unit: the log, the end of the name, or the size of
-    values."""
+    """Return the source of a unit: the log, the end of the name, or the values."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
         return "by the log"

@@ -1,6 +1,6 @@
-"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py.
+"""Read a log: a CSV with the library's column names, a data frame, or any other format.
 
-tse.log.rows checks the rows.
+readers.py lists the formats. tse.log.rows checks the rows.
 """
 
 import re
@@ -51,6 +51,7 @@ from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+# channels that identify a log with the library's names: the angle and one of both speeds
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -62,14 +63,14 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     path : Path
         The file.
     spare : collection of str
-        Channels that may be missing. They are NaN then, and a note states this.
+        Channels that may be missing. A missing one is NaN, and a note states this.
     reading : Reading, optional
-        Options.
+        Options of reading, and the car.
 
     Raises
     ------
     UserError
-        With file, row, column and the allowed values.
+        The log is invalid. The message states file, row, column and the allowed values.
     """
     path, reading = Path(path), reading or Reading()
     with limit_memory(path), limit_time(path):
@@ -82,7 +83,10 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 
 
 def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
-    """Return the log with a substituted wheel speed scaled to the radii of this car."""
+    """Return the log with a substituted wheel speed scaled to the radii of this car.
+
+    If the wheel speeds of an axle are missing, those of the other axle replace them. They
+    differ by the ratio of the radii."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -92,9 +96,10 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 
 
 def _is_plain(path: Path, reading: Reading) -> bool:
-    """Return whether a file is a CSV with commas and the library's names.
+    """Return whether a file is a CSV with commas and the library's column names.
 
-    Options or a signals.toml that names these columns make it a file of any format."""
+    If options or a signals.toml next to it assign its columns, the answer is no, so that
+    read_any() reads it."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -109,10 +114,10 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
-        return False  # signals.toml names these columns
+        return False  # signals.toml assigns these columns
     first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
     if _CLOCK.search(first.get("time", "")):
-        return False  # dates or times of day
+        return False  # its times are dates or times of day
     cells = [c.strip() for c in first.values()]
     if any(_DECIMAL_COMMA.fullmatch(c) for c in cells) and not any("." in c for c in cells):
         return False  # decimals are written with a comma, in quotes
@@ -120,7 +125,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
-    """Read and check a CSV with commas and the library's names."""
+    """Read and check a CSV with commas and the library's column names."""
     head, whole = _read_head(path)
     header = [c.strip() for c in (split_cells(path, head[0]) if head else [])]
     check_table_width(path, header)
@@ -155,20 +160,20 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
-    """Check columns in memory: a data frame, or arrays by name.
+    """Make a checked log of columns in memory: a data frame, or arrays by name.
 
     Parameters
     ----------
     frame : mapping of str to array, or DataFrame
-        The columns. Times may also be dates, times of day or time differences. They may
-        be the index of a data frame.
+        The columns. Times may also be dates, times of day or time differences. The index
+        of a data frame may hold the times.
     name : str
-        Name in messages. Rows are counted from 0.
+        Name of the log in messages. They count rows from 0.
 
     Raises
     ------
     UserError
-        With row, column and the allowed values.
+        The columns are invalid. The message states row, column and the allowed values.
     """
     if (
         isinstance(frame, pd.DataFrame)
@@ -181,8 +186,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     )
     if not all(labels[0].equals(x) for x in labels[1:]):
         raise UserError(
-            f"{name}: the columns are Series with different indices: which rows go together? Make a data "
-            "frame of them"
+            f"{name}: the columns are Series with different indices, so their rows cannot be matched: give a "
+            "data frame"
         )
     needed = _check_frame_header(frame, name)
     notes: list[str] = []
@@ -191,8 +196,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     for column, values in table.items():
         if values.shape != rows:
             raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
-                f"row: {rows}"
+                f"{name}: column {column} has shape {values.shape}; needed: one number per row, the shape of "
+                f"time: {rows}"
             )
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
@@ -202,7 +207,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
 
 
 def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
-    """Return the needed columns; refuse a frame that lacks one or has one twice."""
+    """Return the needed columns; raise an error if one is missing or appears twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -211,7 +216,7 @@ def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> l
     needed = [c for wanted in list_columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = (
-            "; left and right wheel may stand in place of an axle, both"
+            "; the columns of both its wheels, left and right, may replace that of an axle"
             if any(c in SIDES for c in missing)
             else ""
         )
@@ -226,7 +231,8 @@ def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> l
 def _convert_frame(
     frame: Mapping[str, Any] | pd.DataFrame, name: str, needed: list[str], notes: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the columns of a frame as numbers; add a note for each that is left out."""
+    """Return the columns of a frame as numbers. Optional columns that are not numeric are
+    left out, with a note."""
     table: dict[str, np.ndarray] = {}
     for column in map(str, frame):
         if column in needed or _is_spare(column):
@@ -252,7 +258,7 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
     """
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
     if kind == "c" or (kind == "b" and column not in OPTIONAL_COLUMNS):
-        raise TypeError("complex or Boolean values where a measurement is needed")
+        raise TypeError("complex or Boolean values cannot be a measurement")
     if column == "time" and kind not in "fiub":
         series = (
             values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
@@ -260,8 +266,8 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
         if isinstance(next(iter(series), None), str | datetime | timedelta):
             return convert_to_seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
-        # as numbers they would be nanoseconds
-        raise TypeError("times where a measurement is needed")
+        # a conversion to numbers would return nanoseconds
+        raise TypeError("times cannot be a measurement")
     return (
         np.ma.filled(np.ma.asarray(values, float), np.nan)
         if np.ma.isMaskedArray(values)
@@ -270,22 +276,22 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
 
 
 def _is_spare(column: str) -> bool:
-    """Return whether a column is read, though the estimator does not need it."""
+    """Return whether a column is optional: read if present, but not needed."""
     return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
 
 def _read_head(path: Path) -> tuple[list[str], int | None]:
     """Return the first two lines of a log, and the number of complete rows.
 
-    The number is None if all rows are complete. The last line is incomplete if it has no
-    end: the writer may have stopped inside a number."""
+    If the last line has no line break, it is incomplete: the writer may have stopped
+    inside a number. If all rows are complete, the number is None."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
         with open(path, encoding="utf-8-sig") as file:
             head = last = file.read(1 << 20)
             ends = head.count("\n")
-            while part := file.read(1 << 20):  # the whole file must be text
+            while part := file.read(1 << 20):  # read all, to check that the whole file is text
                 ends, last = ends + part.count("\n"), part
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
@@ -306,7 +312,7 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
 
 
 def _describe_missing(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
-    """Return the message about missing columns, with a hint."""
+    """Return the message about missing columns, with a hint at the probable cause."""
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
         text += "; the columns must be separated by commas"
@@ -317,7 +323,7 @@ def _describe_missing(path: Path, header: list[str], missing: list[str], needed:
         if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
             text += f"; names are lower case: {', '.join(close)}"
     text += (
-        "; left and right wheel may stand in place of an axle, both"
+        "; the columns of both its wheels, left and right, may replace that of an axle"
         if any(c in SIDES for c in missing)
         else ""
     )
@@ -329,9 +335,9 @@ def _read_numbers(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Read the columns of a CSV as numbers.
 
-    A few cells that are not numeric become NaN, with a note. Many of them are an error,
-    or, in a column that is not needed, exclude the column. Rows without any needed value
-    are blank.
+    In a needed column, a few cells that are not numeric become NaN, with a note. More
+    than the share MAX_OUTSIDE of them are an error. An optional column with such a cell
+    is left out. Rows without any needed value are dropped.
 
     Parameters
     ----------
@@ -340,22 +346,22 @@ def _read_numbers(
     header : list of str
         Names of all columns.
     first : list of str
-        The first line after the header, or empty.
+        List with the first line after the header; empty if there is none.
     whole : int or None
         Number of rows to read. None: all.
     needed : list of str
         Needed columns.
     notes : list of str
-        Extended.
+        The function appends its notes.
 
     Returns
     -------
     dict of str to ndarray
         The columns in the order of the file.
     ndarray
-        Line of each row in the file.
+        Line number of each row in the file.
     list of str
-        Excluded columns.
+        Optional columns that were left out.
     """
     _check_first_row(path, header, first)
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
@@ -368,7 +374,7 @@ def _read_numbers(
         "skipinitialspace": True,
         "encoding": "utf-8-sig",
         "nrows": whole,
-        "chunksize": CHUNK_ROWS,  # all rows at once need twice the memory
+        "chunksize": CHUNK_ROWS,  # reading all rows at once needs twice the memory
     }
     with translate_parser_errors(path), pd.read_csv(path, **options) as pieces:
         parts, rows = [], 0
@@ -412,7 +418,9 @@ def _convert_cells(
 
 
 def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
-    """Refuse a CSV whose first row is longer than the header: pandas only warns."""
+    """Raise an error if the first row of a CSV is longer than the header.
+
+    pandas would only warn and drop the surplus cells."""
     row = split_cells(path, first[0]) if first else []
     cells = len(row)
     if cells <= len(header):
@@ -420,7 +428,7 @@ def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
     hint = ""
     if cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row):
         hint = (
-            "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point"
+            "\n  hint: the comma is both separator of columns and decimal mark: write decimals with a point"
         )
     raise UserError(
         f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
@@ -458,7 +466,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     Raises
     ------
     UserError
-        With the missing channel, and the remedy.
+        The log cannot be used. The message states the missing channel and the remedy.
     """
     if reading.rate is not None and not MIN_RATE <= reading.rate <= MAX_RATE:
         raise UserError(
@@ -477,10 +485,10 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
         signals = own or signals
     notes = list(recording.notes)
     if signals.path is not None:
-        notes.append(f"signals by {signals.path}")
+        notes.append(f"signals are assigned by {signals.path}")
     found = map_signals(recording, signals, reading.car, notes)
     _substitute_speed(path, found, reading, notes)
-    del recording  # frees the memory of the other signals
+    del recording  # frees the memory of unused signals
     rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
@@ -488,7 +496,8 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
-            f"guessed, not tested: {'; '.join(guessed)}: check {signals.path}, then delete the key unsure"
+            f"guessed, not tested: {'; '.join(guessed)}: check them in {signals.path}, then delete their key "
+            "unsure"
         )
         log.notes.insert(0, log.warnings[-1])
     log.slower = _join_slower(rows.native, rows.rate)
@@ -496,23 +505,23 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """Use vehicle_speed for missing wheel speeds; slip is unknown then."""
+    """Use vehicle_speed if all wheel speeds are missing. Slip is then unknown."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
         raise UserError(
-            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is "
-            "needed: --vehicle CAR.toml"
+            f"{path}: has no wheel speeds; to use vehicle_speed instead, the radius of the wheels is needed: "
+            "--vehicle CAR.toml"
         )
     speed = found["vehicle_speed"]
     found["wheel_speed_front"] = replace(
         speed, channel="wheel_speed_front", value=speed.value / reading.car.values["wheel_radius_front"]
     )
-    notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
+    notes.append("the log has no wheel speed: vehicle_speed is used instead")
 
 
 def map_own_names(recording: Recording) -> SignalsFile | None:
-    """Return the signals of a log with the library's names; None: it has others."""
+    """Return the signals of a log with the library's channel names; None: other names."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
@@ -528,7 +537,9 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
 def _join_slower(
     native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
 ) -> dict[str, SlowChannel]:
-    """Return the entries of slower channels; of an axle the mean of its wheels."""
+    """Return the entries of channels that are slower than the rows.
+
+    `native`: times, values and rate of each. Two wheels of an axle are averaged."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
@@ -539,14 +550,13 @@ def _join_slower(
 
 
 def _describe_unnamed(path: Path, recording: Recording) -> str:
-    """Return the message that a log needs a signals.toml."""
+    """Return the error message for a log that needs a signals.toml."""
     own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
     name = shlex.quote(str(path))
     return (
-        f"{path}: a file must say which of its {len(recording.channels)} signals are which "
+        f"{path}: needs a signals.toml that assigns its {len(recording.channels)} signals to channels "
         f"({list_names(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {name} --write signals.toml' proposes one, beside the log, "
-        "where it is used"
+        f"  'tselab signals {name} --write signals.toml' proposes one; it is used if it is next to the log"
     )

@@ -1,7 +1,7 @@
-"""Turn the signals of a log into the channels of the library, by signals.toml.
+"""Convert the signals of a log to the channels of the library, as signals.toml states.
 
 Values are in SI units, with sign, steering ratio and latency corrected. Each channel
-keeps its own time.
+keeps its own time stamps.
 """
 
 from dataclasses import dataclass, field
@@ -17,31 +17,34 @@ from tse.log.rows import SIDES
 from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
-USUAL_MODULO = 16  # of a counter of 4 bits
-MAX_LOST = 0.5  # max share of invalid values by a flag; above it the flag is rejected
+USUAL_MODULO = 16  # assumed modulo of a message counter: 4 bits
+# [1] max share of values that a flag marks as invalid, or of entries in which a counter
+# does not count. Above it, the flag or counter is rejected as misinterpreted
+MAX_LOST = 0.5
 
 
 @dataclass(frozen=True)
 class Series:
-    """A channel of the library, or one wheel of it, on its own time."""
+    """A channel of the library, or one wheel of an axle, at its own times."""
 
     channel: str
     time: np.ndarray  # s
-    value: np.ndarray  # SI, NaN: missing
-    latency: float = 0.0  # s, already subtracted from the time
-    hold: bool = False  # sent only on a change
+    value: np.ndarray  # SI units; NaN: missing
+    latency: float = 0.0  # s; already subtracted from `time`
+    hold: bool = False  # sent only if the value changes: hold the last value between entries
 
 
 @dataclass
 class Clocks:
-    """Corrected times of a recording, computed once for all channels that share them."""
+    """Corrected times of a recording. Channels with the same times share the result."""
 
     notes: list[str] = field(default_factory=list)
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increasing times of a channel, and the values at these times."""
+        """Return the times of a channel, corrected to increase, and the values at
+        them."""
         if id(channel.time) not in self._done:
             time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -51,7 +54,7 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """Return times less the latency; channels that share both share the result."""
+        """Return `time` less the latency, the same array for the same arguments."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
@@ -62,7 +65,7 @@ class Clocks:
 def map_signals(
     recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
 ) -> dict[str, Series]:
-    """Return all channels that signals.toml names; wheels separately.
+    """Return all channels that signals.toml assigns. Wheels of an axle are separate.
 
     Parameters
     ----------
@@ -71,16 +74,17 @@ def map_signals(
     signals : SignalsFile
         Contents of signals.toml.
     car : Vehicle or None
-        Radii of the wheels.
+        Car, with the radii of the wheels.
     notes : list of str
-        Extended.
+        The function appends its notes.
     most_lost : float
-        Max share of invalid values by a flag. 1: all, for a short piece of a drive.
+        Max share of values that a flag may mark as invalid. 1 for a short piece of a
+        drive, whose values may all be invalid.
 
     Raises
     ------
     UserError
-        A name that is not in the log, a speed without a radius, or a wrong unit.
+        A name is not in the log, a unit is wrong, or the radius for a speed is missing.
     """
     clocks = Clocks()
     found: dict[str, Series] = {}
@@ -114,7 +118,9 @@ def _map_part(
     notes: list[str],
     most_lost: float,
 ) -> Series:
-    """Return one channel, or one wheel of it, from the signal `name`."""
+    """Return one channel, or one wheel of an axle, from the signal `name`.
+
+    `part`: name of the channel or wheel."""
     source = (
         f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     )
@@ -159,7 +165,8 @@ def _find_factor(
     unit = signal.unit if signal.unit is not None else channel.unit
     if not unit:
         notes.append(
-            f"{part}: the unit of {channel.name!r} is in neither the log nor the file: {wanted} is assumed"
+            f"{part}: the unit of {channel.name!r} is unknown (neither in the log nor in signals.toml): "
+            f"{wanted} is assumed"
         )
         return 1.0
     radius = signal.radius
@@ -171,25 +178,26 @@ def _find_factor(
         if "wheel_speed" in part and unit_factor(unit, wanted, 1.0) is not None:
             raise UserError(
                 f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
-                "radius = 0.31 beside the unit"
+                "radius = 0.31 next to the unit"
             )
         raise UserError(
-            f"{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the "
-            'right one: unit = "..."'
+            f"{source}: unit {unit!r}{where} cannot be converted to {wanted}; if the log is wrong, state the "
+            'correct unit: unit = "..."'
         )
     return per
 
 
 def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> np.ndarray:
-    """Return the steering ratio at each angle of the steering wheel.
+    """Return the steering ratio at each angle of the steering wheel, from the table
+    signal.ratio.
 
-    `value`: angles, rad. `per`: rad per unit of the table."""
+    `value`: angles, rad. `per`: rad per unit of the angles in the table."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 
 
 def _hold_last(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
-    """Return the last value of a channel before each time."""
+    """Return for each time the last value of a channel at or before it."""
     own, value = clocks.straighten(channel)
     if not len(own):
         return np.full(len(time), np.nan)
@@ -207,7 +215,7 @@ def _drop_invalid(
     notes: list[str],
     most_lost: float,
 ) -> None:
-    """Set the values to NaN that a flag calls invalid."""
+    """Set the values to NaN that a flag marks as invalid."""
     state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
@@ -216,13 +224,13 @@ def _drop_invalid(
     if bad.mean() > most_lost:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
-            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} "
-            "invalid; it has the "
+            f"{source.replace('] name', '] valid')}: {flag.name!r} marks {100 * bad.mean():.0f} % of {part} "
+            "as invalid; it has the "
             f"values {is_now}: "
-            'say which of them are valid: {name = "...", is = [0]}'
+            'state which of them mean valid: {name = "...", is = [0]}'
         )
     value[bad] = np.nan
-    notes.append(f"{part}: {bad.sum()} values that {flag.name} calls invalid are treated as missing")
+    notes.append(f"{part}: {bad.sum()} values that {flag.name} marks as invalid are treated as missing")
 
 
 def _drop_repeated(
@@ -235,23 +243,23 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    """Set values with a repeated message counter to NaN; note lost messages."""
+    """Set values to NaN whose message counter repeats; append a note on lost messages."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)
     if again.mean() > MAX_LOST:
         notes.append(
-            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: "
-            "not used"
+            f"{part}: the counter {counter.name} does not count in {100 * again.mean():.0f} % of the "
+            "entries: not used"
         )
         return
     lost = int(np.nansum(np.where(step > 1, step - 1, 0)))
     if again.any():
         value[again] = np.nan
         notes.append(
-            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated "
-            "as missing"
+            f"{part}: {again.sum()} entries with the same counter {counter.name} as the entry before are "
+            "treated as missing"
         )
     if lost:
-        notes.append(f"{part}: {lost} messages are lost, by its counter {counter.name}")
+        notes.append(f"{part}: {lost} messages are lost according to the counter {counter.name}")

@@ -23,15 +23,15 @@ from tse.readers.recording import Channel, ReadOptions, Recording, list_names
 
 @dataclass(frozen=True)
 class Line:
-    """One signal in the list of all signals."""
+    """One signal in the list of all signals of a log."""
 
     name: str
     unit: str
-    rate: float  # Hz of new values
-    low: float
-    high: float
-    missing: float  # share
-    used: str  # channel it is proposed for
+    rate: float  # new values per second, Hz
+    low: float  # min value
+    high: float  # max value
+    missing: float  # share of missing values
+    used: str  # channel for which it is proposed, or ""
 
 
 def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
@@ -59,10 +59,10 @@ def format_headline(g: Guess) -> str:
         + ([f"ratio {g.ratio:g}"] if g.ratio else [])
     )
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
-    more += [f"its clock {g.clock:+g} s off"] if g.clock else []
+    more += [f"its clock is {g.clock:+g} s ahead"] if g.clock else []
     more += [f"on above {g.above:g}"] if g.above is not None else []
     more += [f"and {g.add}"] if g.add else []
-    more += [f"valid where {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
+    more += [f"valid if {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
     more += [f"counter {g.counter[0]}"] if g.counter else []
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
@@ -70,12 +70,12 @@ def format_headline(g: Guess) -> str:
 def format_signals(
     recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
 ) -> str:
-    """Return the proposal as signals.toml, with the evidence as comments.
+    """Return the proposal as text of a signals.toml, with the evidence as comments.
 
-    `how`: the settings with which the log was read. `folder`: folder of signals.toml."""
+    `how`: options with which the log was read. `folder`: folder of the signals.toml."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with its evidence. "
-        "Check and edit."
+        "Check and correct them."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     said = {k: v for k, v in vars(how or ReadOptions()).items() if v and k != "wanted"}
@@ -106,12 +106,12 @@ def format_signals(
             "above": "" if g.above is None else f"{g.above:g}",
             "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
             "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
-            "unsure": f"{unsure}  # when you have checked it, delete this line" if g.unsure else "",
+            "unsure": f"{unsure}  # after you have checked it, delete this line" if g.unsure else "",
         }
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
         lines += ["", f"# [signals.{channel}]", *(f"# {x}" for x in proposal.nearest.get(channel, ()))]
-        lines += ['# name = "..."  # not found; left out, it is used as missing']
+        lines += ['# name = "..."  # not found; if left out, the channel is missing']
     return "\n".join(lines) + "\n"
 
 
@@ -123,18 +123,19 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
             if is_unknown_unit(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; check it"
+        f"the unit {unit!r} of {list_names(names)} is unknown: {own} is proposed, from the size of its "
+        "values; check it"
         for (unit, own), names in found.items()
     ]
 
 
 def _quote(text: str | None) -> str:
-    """Return a text as a TOML string, which is also one of JSON; no text for None."""
+    """Return a string quoted for TOML, as in JSON; "" for None."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 
 
 def _make_relative(path: Path, folder: Path) -> str:
-    """Return a path relative to a folder, if it is inside."""
+    """Return the path relative to the folder if it is inside, otherwise absolute."""
     path = path.resolve()
     try:
         return path.relative_to(folder.resolve()).as_posix()
@@ -144,19 +145,20 @@ def _make_relative(path: Path, folder: Path) -> str:
 
 # ---- The proposal.
 #
-# The score of a candidate for a role is the sum of three: name (vocabulary.py), unit, and
-# The score of a candidate for a role is a sum of three: name (vocabulary.py), unit and
-# best candidates of the pass before, so several passes are made.
+# The score of a signal for a role is the sum of three scores: of its name
+# (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
+# The other channels are the best candidates of the pass before, so several passes are
+# made.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3
 
 
 def propose(recording: Recording, car: Any | None = None) -> Proposal:
-    """Propose a signal for each channel.
+    """Propose a signal of the recording for each channel.
 
-    `car`: a Vehicle. Its wheel radii, wheelbase and steering ratio reduce the
-    uncertainty."""
+    `car`: a Vehicle. If given, its wheel radii, wheelbase and steering ratio are used
+    instead of those of an average car."""
     warnings: list[str] = []
     recording, moved = align_clocks(recording, warnings)
     look = Look(recording)
@@ -176,7 +178,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     for g in guesses:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
-            g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
+            g.figures.append(f"its sign is the bit {g.sign_bit}, which changes where it is about 0")
     raw = compute_speed(look, wheels)
     v = None if raw is None else raw * scale.per["wheel"]
     guesses += find_velocities(look, guesses, v, recording.format)

@@ -1,7 +1,7 @@
 """Resample channels with their own times to common rows.
 
-Faster channels are low-passed. Held values are removed before interpolation. Gaps stay
-gaps.
+Channels that are faster than the rows are low-passed. Repeated values of a bus that holds
+its last value are removed before interpolation. Gaps are not filled.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,39 +16,44 @@ from tse.log.noise import find_new_values
 from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITY_COLUMNS
 from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 
-# Hz: max rate of rows that nobody has chosen. The filter is tuned for it, and faster rows
-# of a bus mostly hold their values.
+# [Hz] max rate of the rows, unless the user chooses one. The filter is tuned for this
+# rate. Faster signals of a bus mostly repeat their values.
 MAX_DEFAULT_RATE = 100.0
-MIN_OWN_RATE = 5.0  # Hz: a slower channel does not determine the rate of the rows
-GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0  # a gap in usual steps; its min and max, s
-BURST_STEP = 0.25  # in usual steps: entries nearer than this are one, a burst of the bus
-EVEN_STEP = 0.01  # in steps: max deviation of even times
-PASS_BAND = 0.45  # cut-off of the low pass over the new rate
-PASS_STEPS = 6  # half length of its kernel, in new steps
-# above this ratio of rates a cubic through four entries replaces the spline
+MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
+# Steps longer than GAP_STEPS median steps are gaps. [s] min and max of this limit
+GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
+# [median steps] Entries with a shorter step are a burst of the bus and are averaged.
+BURST_STEP = 0.25
+EVEN_STEP = 0.01  # [steps] max deviation of times that count as equidistant
+PASS_BAND = 0.45  # [1] cut-off of the low pass over the rate of the rows
+PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
+# [1] ratio of the rates of channel and rows above which a cubic through four entries is
+# used instead of the spline
 DENSE_RATIO = 4.0
-# Min share of rows with a value in each column of a table. Below it the column has
-# another rate.
+# [1] Min share of rows in which a column of a table has a value. Below it, the column has
+# a different rate.
 MIN_FILLED = 0.8
-# Entries over which a cubic spline depends on another entry: 0.27 ** 600 is below the
-# smallest number beside 0.
+# [entries] distance over which a value of a cubic spline depends on an entry: the
+# influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
 SPLINE_REACH = 600
 
 
 @dataclass
 class RasterRows:
-    """Channels on one raster."""
+    """Channels resampled to common rows."""
 
     time: np.ndarray  # s
-    value: dict[str, np.ndarray]  # by channel, (rows,), NaN: missing
-    rate: float  # Hz
+    value: dict[str, np.ndarray]  # channel -> values, (rows,); NaN: missing
+    rate: float  # rate of the rows, Hz
     notes: list[str] = field(default_factory=list)
-    # of slower channels: time, value, rate, Hz
+    # channel that is slower than the rows -> its own times, values and rate, Hz
     native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
 
 def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of new entries: without missing, held and double ones."""
+    """Return times and values of new entries.
+
+    Missing and repeated (held) values are left out. Entries of a burst are averaged."""
     there = np.isfinite(s.value)
     time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
     if s.hold or len(time) < 3:
@@ -65,7 +70,7 @@ def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_rate(time: np.ndarray) -> float:
-    """Return the usual number of entries per second; 0: too few entries."""
+    """Return the rate of entries from their median step, Hz; 0: too few entries."""
     step = np.diff(time)
     step = step[step > 0]
     return 1.0 / float(np.median(step)) if len(step) else 0.0
@@ -74,22 +79,22 @@ def find_rate(time: np.ndarray) -> float:
 def resample_channels(
     found: Mapping[str, Series], rate: float | None, path: Path | None = None
 ) -> RasterRows:
-    """Return all channels on common rows.
+    """Resample all channels to common rows.
 
     Parameters
     ----------
     found : mapping of str to Series
         The channels.
     rate : float or None
-        Hz. None: that of the fastest channel, up to MAX_DEFAULT_RATE. A table whose
-        columns share an even time without holes then keeps its rows.
+        Rate of the rows, Hz. None: that of the fastest channel, at most MAX_DEFAULT_RATE,
+        or the rows of a table if its columns have the same times and few missing values.
     path : Path, optional
         The file, for messages. None: the number of rows is not limited.
 
     Raises
     ------
     UserError
-        More rows than a log may have.
+        The number of rows exceeds the limit of a log.
     """
     plain = _keep_table(found, rate)
     if plain is not None:
@@ -110,7 +115,7 @@ def resample_channels(
         if name in VELOCITY_COLUMNS:  # each measurement is used once: no interpolation, no hold
             rows.value[name] = _place_entries(t, x, time)
         else:
-            held = s.hold or name == "brake"  # a switch
+            held = s.hold or name == "brake"  # a switch is not interpolated
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
@@ -124,18 +129,18 @@ def resample_channels(
 
 
 def is_core(name: str) -> bool:
-    """Return whether a channel is an input of the model, or compared with its output."""
+    """Return whether a channel is an input of the model or measures its output."""
     return _find_axle(name) in (*DRIVES, *MEASURES)
 
 
 def choose_rate(rates: Sequence[float]) -> float:
-    """Return the default rate of rows, Hz, from the rates of channels in is_core()."""
+    """Return the default rate of rows, Hz, from the rates of the is_core() channels."""
     rate = min(max((r for r in rates if r >= MIN_OWN_RATE), default=10.0), MAX_DEFAULT_RATE)
     return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
 
 
 def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.ndarray:
-    """Return a channel at other times.
+    """Return a channel resampled to the times of the rows.
 
     Parameters
     ----------
@@ -150,13 +155,13 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     Returns
     -------
     ndarray, (rows,)
-        NaN in gaps, before the first entry and after the last one.
+        Values; NaN in gaps, before the first entry and after the last one.
     """
     out = np.full(len(time), np.nan)
     if not len(t):
         return out
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    usual = usual or 1.0 / rate  # 0: the times are too large to resolve the steps
+    usual = usual or 1.0 / rate  # 0 if times are so large that their steps are rounded to 0
     cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > find_longest_gap(usual)), len(t)))
     margin = 0.5 * usual
     for first, last in pairwise(cuts):
@@ -169,7 +174,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
             part, value = _filter_low_pass(part, value, usual, rate)
             if len(part) > 3 and 1.0 / usual > DENSE_RATIO * rate:
                 between = _interpolate_cubic
-        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows of so many entries
+        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows of CHUNK_ROWS entries
         for begin in range(rows.start, rows.stop, count):
             piece = slice(begin, min(begin + count, rows.stop))
             out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
@@ -177,21 +182,21 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
 
 
 def find_longest_gap(usual: float) -> float:
-    """Return the max step that is interpolated, s. `usual`: the usual step, s."""
+    """Return the max step that is interpolated, s. `usual`: median step, s."""
     return min(max(GAP_STEPS * usual, MIN_GAP), max(MAX_GAP, 2.5 * usual))
 
 
 def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the cubic spline through x at t, (entries,), at increasing times `at`.
+    """Return the cubic spline through the entries (t, x) at increasing times `at`.
 
-    Fewer than 4 entries are joined by straight lines. Only entries within SPLINE_REACH
-    are used, since the coefficients for ten hours need 300 MB."""
+    Fewer than 4 entries are interpolated linearly. To save memory (300 MB for ten hours),
+    only entries within SPLINE_REACH of the times are used."""
     if len(t) < 4:
         return np.interp(at, t, x)
     first, last = np.searchsorted(t, at[[0, -1]])
     part = slice(max(0, min(int(first) - SPLINE_REACH, len(t) - 4)), int(last) + SPLINE_REACH)
     own, value = t[part], x[part]
-    if not (np.diff(own) > 0).all():  # the times are too large to resolve the steps
+    if not (np.diff(own) > 0).all():  # times so large that their steps are rounded to 0
         new = np.append(True, np.diff(np.maximum.accumulate(own)) > 0)
         own, value = own[new], value[new]
         if len(own) < 4:
@@ -205,9 +210,9 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
 
 
 def _interpolate_cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the cubic through the four entries of an even grid around each time.
+    """Interpolate at each time by the cubic through the four nearest entries.
 
-    For dense entries it is as accurate as a spline."""
+    The entries (t, x) are equidistant. If dense, it is as accurate as a spline."""
     s = (at - t[0]) * ((len(t) - 1) / (t[-1] - t[0]))
     i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
     s -= i
@@ -220,9 +225,9 @@ def _interpolate_cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarr
 def _filter_low_pass(
     t: np.ndarray, x: np.ndarray, usual: float, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return an even grid with the step of the entries, and the low-passed signal on it.
+    """Return equidistant times with the step of the entries, and the low-passed signal.
 
-    The cut-off is PASS_BAND times `rate`. The kernel is symmetric, so phase is kept."""
+    The cut-off is PASS_BAND times `rate`. The kernel is symmetric and causes no delay."""
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
     value = x if n == len(t) and np.max(np.abs(t - even)) < EVEN_STEP * usual else np.interp(even, t, x)
@@ -230,12 +235,12 @@ def _filter_low_pass(
     kernel = np.sinc(2.0 * PASS_BAND * rate * usual * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
     kernel /= kernel.sum()
     of_kernel = np.zeros(0)
-    # both ends are extended by point reflection: a straight line stays straight
+    # extend both ends by point reflection, so that a straight line stays straight
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, CHUNK_ROWS):
         part = longer[begin : begin + CHUNK_ROWS + 2 * half]
-        # wrap-around falls in rows left out below
+        # wrap-around of the FFT affects only the first 2 * half values: left out below
         size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
@@ -245,7 +250,7 @@ def _filter_low_pass(
 
 
 def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the last value before each row; NaN before the first entry."""
+    """Return the last value at or before each row; NaN before the first entry."""
     if not len(t):
         return np.full(len(time), np.nan)
     at = np.searchsorted(t, time + 1e-9, side="right") - 1
@@ -253,7 +258,7 @@ def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return each entry in its nearest row, (rows,); NaN in all others."""
+    """Return a column with each entry in the row nearest to it, NaN in all other rows."""
     out = np.full(len(time), np.nan)
     if len(t) and len(time):
         at = (
@@ -268,14 +273,15 @@ def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray
 
 
 def _find_axle(name: str) -> str:
-    """Return the axle channel of a wheel, or the name itself."""
+    """Return the channel of the axle to which a wheel belongs; other names unchanged."""
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
 
 def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows | None:
-    """Return a table as it is, if it can be used so; else None.
+    """Return the columns of a table without resampling; None if they need it.
 
-    Its columns share one time, have no latency and few holes, and are not too fast."""
+    They do not if they have the same times, no latency, few missing values, the wanted
+    rate, and are not much faster than MAX_DEFAULT_RATE."""
     first = next(iter(found.values()), None)
     if first is None or len(first.time) < 2 or any(s.hold or s.latency for s in found.values()):
         return None
@@ -304,8 +310,9 @@ def _make_times(
 ) -> np.ndarray:
     """Return the times of the rows, s.
 
-    They begin with the last start of an input of the model, and end with the first end.
-    They are in phase with the gyro, or else with another channel of the same rate."""
+    The rows cover the time in which all inputs of the model are present; if there is none,
+    the time of any channel. They are in phase with the gyro, or otherwise with a different
+    channel of the same rate."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
@@ -323,7 +330,7 @@ def _make_times(
 def start_on_beat(
     times: Mapping[str, np.ndarray], rates: Mapping[str, float], rate: float, first: float
 ) -> float:
-    """Return the time of the first row, in phase with a channel of the same rate, s.
+    """Return the time of the first row, s, in phase with a channel of the same rate.
 
     Parameters
     ----------
@@ -343,7 +350,7 @@ def start_on_beat(
 
 
 def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
-    """Add notes about the rates of the channels and their latencies."""
+    """Add notes on the rates of the channels and their latencies."""
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():
         parts.setdefault(round(r), []).append(n)
@@ -352,5 +359,5 @@ def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str
     late = {n: s.latency for n, s in found.items() if s.latency}
     if late:
         rows.notes.append(
-            "taken earlier by their latency: " + ", ".join(f"{n} {1e3 * v:g} ms" for n, v in late.items())
+            "moved earlier by their latency: " + ", ".join(f"{n} {1e3 * v:g} ms" for n, v in late.items())
         )

@@ -1,7 +1,8 @@
 """Find the units of all channels together.
 
-Each set of units that are often mixed up has a cost: its deviation from the kinematic
-relations, and from the units of log and names. The set of min cost is returned.
+Every combination of possible units has a cost: its deviation from the kinematic
+relations, and from the units that log and names state. The combination of min cost is
+returned.
 """
 
 import re
@@ -21,6 +22,7 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import RECEIVER_TEXT
 from tse.readers.table import find_unit_suffix
 
+# units that each role may have, if neither log nor name state one
 UNIT_OPTIONS = {
     "wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"),
     "yaw_rate": ("rad/s", "deg/s"),
@@ -28,41 +30,44 @@ UNIT_OPTIONS = {
     "accel_x": ("m/s2", "g"),
     "steer_angle": ("deg", "rad"),
 }
-# m; of its logarithm: passenger cars without vehicle file
+# [m] wheel radius of passenger cars, and [1] sd of its logarithm: if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
-USUAL_WHEELBASE = 2.7  # m: passenger cars without vehicle file
-# costs of units, in squared sd
-LOG_UNIT_COST = 6.0  # a unit that contradicts the log
-NAME_UNIT_COST = 3.0  # a unit that contradicts the end of the name
-OTHER_UNIT_COST = 0.5  # a unit other than SI, if neither log nor name state one
-MAX_EQUATION_COST = 16.0  # of one kinematic relation
-# per sd, without limit: of two implausible sets of units the nearer one is better
+USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars: if no car is given
+# Costs of units, in squared sd
+LOG_UNIT_COST = 6.0  # of a unit that contradicts the log
+NAME_UNIT_COST = 3.0  # of a unit that contradicts the end of the name
+OTHER_UNIT_COST = 0.5  # of a unit other than the first option, if log and name state none
+MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
+# Cost per sd of the deviation from a kinematic relation, without limit. If all
+# combinations of units are implausible, it prefers the nearest one.
 FAR_COST = 0.1
-MOTION_COST = 25.0  # of a unit with which the car exceeds MAX_MOTION
-# road cars, SI; m/s
+MOTION_COST = 25.0  # of a unit with which the motion exceeds MAX_MOTION
+# [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars; wheel: wheel speed x radius
 MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
 @dataclass(frozen=True)
 class UnitScale:
-    """Units of all channels, and the figures from which they follow."""
+    """Units of all channels, and the ratios of measured values from which they follow."""
 
-    unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
-    per: dict[str, float]  # SI per unit
-    # accel_y: a_y over v r. accel_x: a_x over dv/dt. track: m. speed: over that of the
-    # log
+    unit: dict[str, str]  # units of wheel, yaw_rate, accel_y, accel_x
+    per: dict[str, float]  # factors from these units to SI; of wheel to m/s
+    # accel_y: a_y over v r. accel_x: a_x over dv/dt. track: difference of the wheel
+    # speeds over yaw rate, m. speed: ground speed in the log over v
     figures: dict[str, float]
 
 
 def _get_radius(car: Any | None) -> float:
-    """Return the radius of the front wheels, m."""
+    """Return the radius of the front wheels, m; without a car the usual one."""
     return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
 def find_units(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
 ) -> UnitScale:
-    """Return the set of units that agrees best with physics, log and names."""
+    """Return the combination of units that agrees best with physics, log and names.
+
+    A unit that contradicts the log is reported in `warnings`."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
     if is_car_speed(wheels):
@@ -100,7 +105,7 @@ def find_units(
             and not is_same_unit(u, was, role)
         ):
             warnings.append(
-                f"the log gives {was} for {names[role]!r}, but its size is that of {u}: {u} is proposed"
+                f"the log states {was} for {names[role]!r}, but its values fit {u}: {u} is proposed"
             )
     return best[1]
 
@@ -108,7 +113,7 @@ def find_units(
 def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[str, float]]:
     """Return the possible units of a signal, each with its cost.
 
-    `is_speed`: the signal is the speed of the car in place of the wheels."""
+    `is_speed`: the signal is the speed of the car, used instead of wheel speeds."""
     kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
     said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
     said = said if unit_kind(said) in kinds else ""
@@ -128,15 +133,16 @@ def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[
 
 
 def is_same_unit(a: str, b: str, role: str) -> bool:
-    """Return whether two units of a role are equal, however they are spelt."""
+    """Return whether two units of a role are the same, maybe with different spellings."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
-    # rad/s and m/s of a wheel are different kinds, though both are converted to rad/s
+    # rad/s and m/s of a wheel have the same factor here (radius 1 m), but different kinds
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
-    """Return the factor from a unit to SI; of wheels to m/s."""
+    """Return the factor from a unit to SI; for wheel speeds to m/s at the
+    circumference."""
     if role == "wheel":
         return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
@@ -145,9 +151,10 @@ def _convert_unit(role: str, unit: str, car: Any | None) -> float:
 def measure_slopes(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
 ) -> dict[str, float]:
-    """Return slopes and correlations between the signals as logged.
+    """Fit the kinematic relations to the signals as logged.
 
-    A slope is missing if its correlation is too low. `v`: speed in any unit."""
+    Return slopes ("accel_y": of a_y over v r, ...) and correlations ("accel_y_corr",
+    ...). A slope with a low correlation is left out. `v`: speed in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -180,10 +187,10 @@ def measure_slopes(
 
 
 def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
-    """Return the correlation of the yaw rate with the derivative of the course of GNSS.
+    """Return the correlation of the yaw rate with the change of the GNSS course.
 
-    The course is clockwise from north, in degrees. > 0: the yaw rate is positive to the
-    left. < 0: to the right. 0: there is no course."""
+    The course is in degrees, clockwise from north; its sign is changed. Result > 0: the
+    yaw rate is positive to the left. < 0: to the right. 0: there is no course."""
     named = [
         n
         for n in look.raw
@@ -206,9 +213,10 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 
 
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return another speed of the log, m/s; None if there is none.
+    """Return a speed over ground that is independent of the wheels, m/s; None: none.
 
-    A speed of GNSS is preferred. Without a speed, it is computed from positions."""
+    A speed of a GNSS receiver is preferred. Without any speed, it is computed from
+    positions."""
     named = [
         n
         for n in look.x
@@ -233,7 +241,9 @@ def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | No
 def _compute_cost(
     facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
 ) -> tuple[float, dict[str, float]]:
-    """Return the deviation of units from physics, in squared sd, and the figures."""
+    """Return the cost of a combination of units, and the ratios of UnitScale.figures.
+
+    The cost is the deviation from the kinematic relations, in squared sd."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

@@ -13,67 +13,70 @@ from tse.log.rows import OPTIONAL_COLUMNS, SIDES, find_signals_file
 from tse.log.units import parse_unit, unit_factor
 from tse.readers.recording import ReadOptions
 
-MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz of the rows
-MAX_LATENCY = 1.0  # s
-MAX_CLOCK = 4e9  # s: an epoch
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of the rate of the rows
+MAX_LATENCY = 1.0  # [s] max latency of a signal
+MAX_CLOCK = 4e9  # [s] max difference of clocks: some count from 1970, some from the start
 LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 SIGNAL_KEYS = (
     *("name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency"),
     *("clock", "valid", "counter", "hold", "above", "unsure"),
 )
-NUMBER_RANGES = {  # by key: min, max, unit
-    "scale": (-1e9, 1e9, ""),  # factor after the unit
-    "offset": (-1e6, 1e6, ""),  # subtracted, in the unit of the signal
-    "radius": (0.05, 5.0, "m"),  # of the wheel, for speeds
+NUMBER_RANGES = {  # key -> min, max, unit
+    "scale": (-1e9, 1e9, ""),  # factor that is applied in addition to that of the unit
+    "offset": (-1e6, 1e6, ""),  # subtracted from the signal, in its unit
+    "radius": (0.05, 5.0, "m"),  # of the wheel, to convert a speed to rad/s
     # pressure above which the car brakes, in the unit of the signal
     "above": (-1e6, 1e6, ""),
-    # from a measurement to its time in the log
+    # delay from a measurement to its time in the log
     "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),
-    # by which the clock of its group is ahead of the others
+    # time by which the clock of its group is ahead of the other clocks
     "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
-MIN_RATIO, MAX_RATIO = 0.5, 100.0
+MIN_RATIO, MAX_RATIO = 0.5, 100.0  # range of the steering ratio
 
 
 @dataclass(frozen=True)
 class Flag:
-    """A signal that states whether others are valid."""
+    """A validity flag: a signal that states whether a measurement is valid."""
 
     name: str
-    values: tuple[float, ...] | None = None  # that mean valid; None: all but 0
+    values: tuple[float, ...] | None = None  # values for valid; None: all but 0
 
 
 @dataclass(frozen=True)
 class Counter:
-    """The counter of a message. A repeated count means a repeated message."""
+    """The counter of a message. If it does not change, the message is a repetition."""
 
     name: str
-    modulo: int | None = None  # None: found from the log
+    modulo: int | None = None  # None: determined from the log
 
 
 @dataclass(frozen=True)
 class SignalSource:
-    """The source of one channel. Two names: left and right wheel."""
+    """The source of one channel: a table [signals.CHANNEL]."""
 
     channel: str
-    name: tuple[str, ...]
-    unit: str | None = None
+    name: tuple[str, ...]  # name of the signal, or names of left and right wheel
+    unit: str | None = None  # None: that in the log
     sign: float = 1.0
-    sign_bit: str | None = None  # a signal that is 1 where the value is negative
+    sign_bit: str | None = None  # name of a signal that is 1 if the value is negative
     scale: float = 1.0
     offset: float = 0.0
-    # steering wheel over road wheels; or a table over the angle in the signal's unit
+    # angle of the steering wheel over that of the road wheels: a number, or a table of
+    # (angle of the steering wheel in the unit of the signal, ratio)
     ratio: float | tuple[tuple[float, float], ...] | None = None
-    radius: float | None = None
-    latency: float = 0.0
-    clock: float = 0.0
+    radius: float | None = None  # of the wheel, m; None: that of the car
+    latency: float = 0.0  # s
+    clock: float = 0.0  # s
     valid: Flag | None = None
     counter: Counter | None = None
-    hold: bool = False  # sent only when it changes: a value stands until the next
-    above: float | None = None  # 1 where the signal is above it, in its own unit, else 0
-    # signal with the fine part of the value, in the same unit
+    hold: bool = False  # sent only if it changes: each value is held until the next one
+    # threshold in the unit of the signal: the channel is 1 above it, otherwise 0
+    above: float | None = None
+    # name of the signal with the fine part of the value, in the same unit
     add: str | None = None
-    # guesses that were not tested; every run warns until the key is deleted
+    # properties that were guessed and not tested; every run warns until the key is
+    # deleted
     unsure: str = ""
 
 
@@ -81,13 +84,16 @@ class SignalSource:
 class SignalsFile:
     """The contents of signals.toml."""
 
-    path: Path | None
-    signals: Mapping[str, SignalSource]
-    how: ReadOptions = field(default_factory=ReadOptions)
-    rate: float | None = None
+    path: Path | None  # None: there is no file, the log has the library's names
+    signals: Mapping[str, SignalSource]  # by channel
+    how: ReadOptions = field(default_factory=ReadOptions)  # table [log]
+    rate: float | None = None  # rate of the rows, Hz; None: chosen by the channels
 
     def wants(self, name: str) -> bool:
-        """Return whether a signal with this name, or this last part of it, is needed."""
+        """Return whether a signal is needed.
+
+        `name`: its name with or without the message. Names in the file may also lack the
+        message."""
         names = {
             n
             for s in self.signals.values()
@@ -102,16 +108,17 @@ class SignalsFile:
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
 ) -> tuple[SignalsFile | None, ReadOptions]:
-    """Return the signals.toml of a log, and the settings for reading it.
+    """Return the signals.toml of a log, None if there is none, and the options of
+    reading.
 
     Parameters
     ----------
     log : Path
         The log.
     file : Path or None
-        signals.toml. None: the one beside the log, if there is one.
+        Path of signals.toml. None: that next to the log, if there is one.
     databases : sequence of Path
-        Databases of the bus; they precede those that [log] names.
+        Databases of the bus. They take precedence over those in [log].
     """
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
@@ -122,7 +129,7 @@ def find_signals(
 
 
 def list_channels() -> list[str]:
-    """Return the channels that a file may have, without ref_*."""
+    """Return the channels that signals.toml may assign, without ref_*."""
     return [
         *(f.name for f in library().channels),
         *(s for pair in SIDES.values() for s in pair),
@@ -144,14 +151,14 @@ def read_signals(path: Path) -> SignalsFile:
     Raises
     ------
     UserError
-        With file, line, field and the allowed values.
+        The file is invalid. The message states file, line, key and the allowed values.
     """
     path = Path(path)
     data = read_toml(path)
     text = path.read_text(encoding="utf-8-sig")
 
     def refuse(table: str, key: str, message: str) -> UserError:
-        """Return the error of a key, with its line."""
+        """Return the error about a key of a table, with its line."""
         return UserError(
             f"{path}: {_find_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}"
         )
@@ -168,7 +175,7 @@ def read_signals(path: Path) -> SignalsFile:
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
     if not signals:
         raise UserError(
-            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG "
+            f"{path}: assigns no channel: tables like [signals.yaw_rate] are needed; 'tselab signals LOG "
             f"--write {path.name}' proposes them"
         )
     how, rate = _check_log(path, log, refuse)
@@ -192,13 +199,14 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
-    """Refuse an axle together with its wheels, and a single wheel."""
+    """Raise an error for an axle together with its wheels, and for a wheel alone."""
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
                 f"signals.{axle}",
                 "",
-                f"and {' and '.join(s for s in pair if s in found)} say the same: leave one out",
+                f"and {' and '.join(s for s in pair if s in found)} are the same quantity: leave out the "
+                "axle or its wheels",
             )
         if any(s in found for s in pair) and not all(s in found for s in pair):
             lone = next(s for s in pair if s in found)
@@ -206,12 +214,12 @@ def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
             raise refuse(
                 f"signals.{lone}",
                 "",
-                f"{missing} is needed, too; a car with one sensor on the axle has {axle}",
+                f"{missing} is needed, too; if the axle has only one sensor, name the channel {axle}",
             )
 
 
 def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
-    """Return the settings of [log], and the rate of the rows, Hz."""
+    """Check the table [log]; return its options, and the rate of the rows, Hz."""
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
@@ -220,18 +228,18 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOption
                 f"is not known{suggest_names(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}",
             )
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
-            raise refuse("log", key, f"{value!r} is no text in quotes")
+            raise refuse("log", key, f"{value!r} is not a string in quotes")
     rate = (
         _check_number("log", "rate", log["rate"], MIN_RATE, MAX_RATE, "Hz", refuse) if "rate" in log else None
     )
     step = _check_number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
     if "time_unit" in log and unit_factor(log["time_unit"], "s") is None:
-        raise refuse("log", "time_unit", f"{log['time_unit']!r} is no unit of time; s, ms, us, ns are")
+        raise refuse("log", "time_unit", f"{log['time_unit']!r} is not a unit of time: s, ms, us, ns")
     if log.get("decimal", ".") not in (".", ","):
-        raise refuse("log", "decimal", f'{log["decimal"]!r} is not allowed; "." and "," are')
+        raise refuse("log", "decimal", f'{log["decimal"]!r} is not allowed; allowed: "." and ","')
     header = log.get("header")
     if header is not None and (isinstance(header, bool) or not isinstance(header, int) or header < 1):
-        raise refuse("log", "header", f"{header!r} is no line; the first is 1")
+        raise refuse("log", "header", f"{header!r} is not a line number; the first line is 1")
     databases = log.get("databases", [])
     databases = [databases] if isinstance(databases, str) else databases
     if not isinstance(databases, list) or not all(isinstance(d, str) for d in databases):
@@ -250,7 +258,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOption
 
 
 def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> SignalSource:
-    """Return the signal of a channel from its table. `at`: name of the table."""
+    """Check the table of a channel and return its source. `at`: name of the table."""
     for key in table:
         if key not in SIGNAL_KEYS:
             raise refuse(
@@ -262,36 +270,38 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
         if key in table:
             values[key] = _check_number(at, key, table[key], low, high, unit, refuse)
     if values.get("scale") == 0.0:
-        raise refuse(at, "scale", "0 leaves nothing of the signal")
+        raise refuse(at, "scale", "0 makes the signal 0; allowed: other numbers")
     if "radius" in table and "wheel_speed" not in channel:
-        raise refuse(at, "radius", "is for wheel speeds")
+        raise refuse(at, "radius", "is allowed for wheel speeds only")
     if "above" in table and channel != "brake":
-        raise refuse(at, "above", "is for brake")
+        raise refuse(at, "above", "is allowed for brake only")
     if "sign" in table:
         if table["sign"] not in (1, -1) or isinstance(table["sign"], bool):
-            raise refuse(at, "sign", f"{table['sign']!r} is not allowed; 1 and -1 are")
+            raise refuse(at, "sign", f"{table['sign']!r} is not allowed; allowed: 1 and -1")
         values["sign"] = float(table["sign"])
     if "unit" in table:
         values["unit"] = _check_unit(channel, at, table, refuse)
     for key, what in (
-        ("sign_bit", "the name of a signal that is 1 where the value is negative"),
-        ("add", "the name of a signal with the rest of the value, in the same unit"),
+        ("sign_bit", "the name of a signal that is 1 if the value is negative"),
+        ("add", "the name of a signal with the fine part of the value, in the same unit"),
     ):
         if key in table:
             if not isinstance(table[key], str):
                 raise refuse(at, key, f"must be {what}")
             values[key] = table[key]
     if "add" in table and len(names) > 1:
-        raise refuse(at, "add", "goes with one name")
+        raise refuse(at, "add", "is allowed with one name only")
     if "unsure" in table:
         if not isinstance(table["unsure"], str) or not table["unsure"].strip():
             raise refuse(
-                at, "unsure", 'must say what is: unsure = "the sign"; delete it when you have checked it'
+                at,
+                "unsure",
+                'must state what is unsure: unsure = "the sign"; after you have checked it, delete it',
             )
         values["unsure"] = table["unsure"].strip()
     if "ratio" in table:
         if channel != "steer_angle":
-            raise refuse(at, "ratio", "is the steering ratio, of steer_angle")
+            raise refuse(at, "ratio", "is the steering ratio: allowed for steer_angle only")
         values["ratio"] = _check_ratio(at, table["ratio"], refuse)
     if "valid" in table:
         values["valid"] = _check_flag(at, table["valid"], refuse)
@@ -305,7 +315,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
 
 
 def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:
-    """Return the name of the signal, or those of left and right wheel."""
+    """Check the key name; return the name of the signal, or of left and right wheel."""
     names = [name] if isinstance(name, str) else name
     is_axle = channel in SIDES
     if (
@@ -314,39 +324,37 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
         or not all(isinstance(n, str) and n for n in names)
         or len(names) > 2
     ):
-        two = ", or two of them: left and right wheel" if is_axle else ""
+        two = ", or a list of two names: left and right wheel" if is_axle else ""
         raise refuse(at, "name", f'must be the name of a signal{two}: name = "..."')
     if len(names) == 2 and not is_axle and channel != "steer_angle":
-        raise refuse(at, "name", f"two names are for wheels: {', '.join(SIDES)}")
+        raise refuse(at, "name", f"two names are allowed for wheels only: {', '.join(SIDES)}")
     if len(set(names)) < len(names):
-        raise refuse(at, "name", f"{names[0]!r} cannot be both wheels")
+        raise refuse(at, "name", f"{names[0]!r} cannot be both left and right wheel")
     return tuple(names)
 
 
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
-    """Return the unit of a signal, which must be convertible to that of the channel."""
+    """Check the key unit and return it: it must be convertible to that of the channel."""
     unit, usual = table["unit"], _list_units(channel)
     if not isinstance(unit, str) or parse_unit(unit) is None:
-        raise refuse(
-            at, "unit", f"{unit!r} is no unit that is known; for {channel} {usual} are, for instance"
-        )
+        raise refuse(at, "unit", f"{unit!r} is not a known unit; usual units of {channel}: {usual}")
     if channel.startswith("ref_") or "above" in table:
         return unit
     wanted = find_unit(channel)
     if unit_factor(unit, wanted, 1.0) is None:
-        raise refuse(at, "unit", f"{unit!r} cannot be turned into {wanted}; {usual} can, for instance")
+        raise refuse(at, "unit", f"{unit!r} cannot be converted to {wanted}; usual units: {usual}")
     return unit
 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
-    """Return the steering ratio, or its table over the angle."""
+    """Check the key ratio; return the steering ratio, or its table over the angle."""
     if not isinstance(value, list):
         return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
         raise refuse(
             at,
             "ratio",
-            "a table has two rows or more of angle of the steering wheel, ratio: [[-300, 14.0], [0, 16.0], "
+            "a table needs at least two rows [angle of the steering wheel, ratio]: [[-300, 14.0], [0, 16.0], "
             "[300, 14.0]]",
         )
     rows = []
@@ -363,7 +371,7 @@ def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float,
 
 
 def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
-    """Return the flag of the key valid."""
+    """Check the key valid and return its flag."""
     if isinstance(value, str):
         return Flag(value)
     if isinstance(value, dict) and set(value) <= {"name", "is"} and isinstance(value.get("name"), str):
@@ -374,12 +382,13 @@ def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
     raise refuse(
         at,
         "valid",
-        'must be the name of a signal that is not 0 where this one is valid, or {name = "...", is = [0]}',
+        'must be the name of a signal that is not 0 if this one is valid, or {name = "...", is = [0]} with '
+        "the values that mean valid",
     )
 
 
 def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
-    """Return the counter of the key counter."""
+    """Check the key counter and return its counter."""
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):
@@ -392,10 +401,10 @@ def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
 
 
 def _check_number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
-    """Return a number that is inside its range."""
+    """Return the number; raise an error if it is outside low .. high."""
     allowed = f"allowed: {low:g} .. {high:g}{f' {unit}' if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise refuse(at, key, f"{value!r} is no number; {allowed}")
+        raise refuse(at, key, f"{value!r} is not a number; {allowed}")
     if not low <= value <= high:
         raise refuse(at, key, f"{value:g} is out of range; {allowed}")
     return float(value)
@@ -414,7 +423,7 @@ def _list_units(channel: str) -> str:
 
 
 def _find_line(text: str, table: str, key: str) -> str:
-    """Return the line of a key as the start of a message; "" if it is not found."""
+    """Return the line of a key as "line 3, ", the start of a message; "": not found."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)

@@ -1,7 +1,7 @@
-"""Turn the frames of a bus into rows as they come.
+"""Convert the frames of a bus to rows while they arrive.
 
-Signals, flags and units are those of a log, and so is the raster. Interpolation of a row
-needs a later value of each channel, so a row waits for it, up to a limit.
+Signals, flags, units and resampling are the same as for a log. To interpolate a row, a
+later value of each channel is needed. A row waits for these values, up to a limit.
 """
 
 from __future__ import annotations
@@ -36,33 +36,36 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-# s and entries of a signal that are kept: enough for counter, held values and spline
+# Each signal keeps its last entries: [s] those of this time, and at least this number.
+# This is enough to find repeated counters and held values, and for the spline
 KEPT_TIME, MIN_KEPT = 2.0, 64
-LISTEN_TIME = 1.0  # s of frames until the rates are known
-MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
-WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
-# usual steps, and min s, until no row waits for a channel
+LISTEN_TIME = 1.0  # [s] duration of frames after which the rates of the channels are known
+MAX_LISTEN_TIME = 3.0  # [s] max of this duration, while an input of the model is missing
+# max time for which a row waits for a channel: median steps of the channel, plus s
+WAIT_STEPS, WAIT_TIME = 1.5, 0.02
+# Rows do not wait for a channel that is silent for this time: median steps, at least s
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# entries before a row for its spline; earlier ones have a negligible weight: 0.27 ** 48
+# [entries] length of the spline before a row. Earlier entries have a weight below
+# 0.27 ** 48, which is negligible
 SPLINE_ENTRIES = 48
-CHECK_INTERVAL = 1.0  # s between two checks of the rates and of held values
-LOW_PASS_RATIO = 1.2  # above this ratio to the rate of the rows, a channel is low-passed
-LOW_PASS_ROWS = 2.0  # rows of delay for it
-MAX_STEP_BACK = 0.5  # s: a larger step back of the stamps is a clock that was set
-MAX_NEW_ROWS = 1000  # in one call
+CHECK_INTERVAL = 1.0  # [s] interval of the checks of rates and held values
+LOW_PASS_RATIO = 1.2  # [1] min ratio of the rate of a channel to that of rows for a low pass
+LOW_PASS_ROWS = 2.0  # [rows] additional wait for a low-passed channel
+MAX_STEP_BACK = 0.5  # [s] a larger backward step of time stamps means that the clock was set
+MAX_NEW_ROWS = 1000  # max number of rows returned by one call
 
 
 @dataclass
 class _Signal:
-    """The last entries of a signal."""
+    """The last entries of a signal of the bus."""
 
-    message: Any
+    message: Any  # its message and signal in the database
     signal: Any
     time: list[float] = field(default_factory=list)
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Delete entries that are no longer needed."""
+        """Delete old entries: KEPT_TIME and MIN_KEPT."""
         count = len(self.time)
         if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
@@ -70,17 +73,17 @@ class _Signal:
 
 @dataclass(frozen=True)
 class _Heard:
-    """The channels as received so far."""
+    """The channels received so far."""
 
     now: float  # time of the bus, s
-    found: dict[str, Series]
-    own: dict[str, tuple[np.ndarray, np.ndarray]]  # times and values of new entries
+    found: dict[str, Series]  # by channel
+    own: dict[str, tuple[np.ndarray, np.ndarray]]  # times and values, without held values
     rates: dict[str, float]  # Hz
-    core: list[str]  # channels that the filter needs
+    core: list[str]  # names of the is_core() channels
 
 
 class Stream:
-    """Rows from frames of a bus.
+    """Converts frames of a bus to rows.
 
     Parameters
     ----------
@@ -89,9 +92,9 @@ class Stream:
     signals : SignalsFile
         Signal of each channel.
     car : Vehicle
-        Radii of the wheels.
+        Car, with the radii of the wheels.
     rate : float, optional
-        Rate of the rows, Hz. None: that of the fastest channel, up to 100.
+        Rate of the rows, Hz. None: that of the fastest channel, at most 100.
 
     Raises
     ------
@@ -116,23 +119,25 @@ class Stream:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
         self._resolve_names(databases)
-        # number of frames by identifier, if it is in no database
+        # identifier that is in no database -> number of its frames
         self.unknown: dict[int, int] = {}
-        self.known = 0  # frames of messages that the databases have
+        self.known = 0  # number of frames whose messages are in the databases
+        # s: correction of time stamps; times of the last and of the first needed frame
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
-        self._sent = 0  # rows
-        self._start = math.nan
-        # by axle: sums of (right - left) x yaw rate, and of yaw rate squared
+        self._sent = 0  # number of rows returned
+        self._start = math.nan  # time of the first row, s
+        # axle -> sums of (right - left wheel speed) x yaw rate, and of yaw rate squared
         self._turns: dict[str, list[float]] = {}
+        # velocity channel -> time of its last entry that is in a row, s
         self._given_until: dict[str, float] = {}
-        # by channel: rate, Hz, and whether all its values are new
+        # channel -> its rate, Hz; True: it has no held values
         self._usual: dict[str, tuple[float, bool]] = {}
-        self._looked = -math.inf
-        self.last: dict[str, float] = {}  # of each channel the time of its last value, s
+        self._looked = -math.inf  # time of the last check of rates and held values, s
+        self.last: dict[str, float] = {}  # channel -> time of its last value, s
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
-        """Replace parts of names by whole names of signals in the databases; check the
-        channels."""
+        """Complete the names of signals with their messages; check that all needed
+        channels are assigned."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
@@ -141,7 +146,7 @@ class Stream:
                 if len(alike) > 1 and name not in self._kept:
                     raise UserError(
                         f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: "
-                        f"say which: {', '.join(alike[:6])}"
+                        f"choose one: {', '.join(alike[:6])}"
                     )
                 if not alike:
                     there = [f"{m.name}.{x.name}" for m in self._messages.values() for x in m.signals]
@@ -163,7 +168,7 @@ class Stream:
             )
         if not wheels and "vehicle_speed" not in have:
             raise UserError(
-                f"{source}: names no wheel speed, and no vehicle_speed that could stand in for them"
+                f"{source}: assigns no wheel speed, and no vehicle_speed that could be used instead"
             )
         if not {"accel_y", "yaw_rate"} & have:
             raise UserError(
@@ -175,21 +180,21 @@ class Stream:
         )
         names = [have & {axle, *pair} for axle, pair in SIDES.items()]
         sources = [{n for c in x for n in self._all.signals[c].name} for x in names]
-        # both axles have one signal: slip is unknown
+        # True: both axles have the same signal, so slip is unknown
         self.one_speed = self._stand_in is not None or sources[0] == sources[1]
         if self._stand_in:
             self.notes.append(
-                f"{self._stand_in} is not on the bus: the other axle stands in for it; accel_x is not used "
-                "and cx_front not estimated"
+                f"{self._stand_in} is not on the bus: the speed of the other axle is used instead; accel_x "
+                "is not used and cx_front not estimated"
             )
 
     @property
     def rate(self) -> float | None:
-        """Rate of the rows, Hz; None: not known yet."""
+        """Rate of the rows, Hz; None: unknown, until enough frames have arrived."""
         return self._rate if math.isfinite(self._start) else None
 
     def list_columns(self) -> list[str]:
-        """Return the columns of the rows, without time."""
+        """Return the names of the columns of the rows, without time."""
         optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
@@ -202,14 +207,15 @@ class Stream:
         return str(self._kept[name].message.name) if name else ""
 
     def add(self, frames: Sequence[CanFrame]) -> list[str]:
-        """Add frames in the order of arrival; return warnings about their clock."""
+        """Add frames in the order of their arrival; return warnings about the clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
         for f in frames:
             time = f.time + self._shift
             if time < self._last - MAX_STEP_BACK:
                 said.append(
-                    f"the clock of the bus was set back by {self._last - time:.3g} s: it goes on from before"
+                    f"the clock of the bus was set back by {self._last - time:.3g} s: times continue from "
+                    "before the step"
                 )
                 self._shift += self._last - time
                 time = self._last
@@ -220,7 +226,7 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                # first needed frame
+                # time of the first needed frame
                 self._first = time if math.isnan(self._first) else self._first
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)
@@ -263,7 +269,7 @@ class Stream:
             recording, SignalsFile(self._all.path, now), self._car, notes := [], most_lost=1.0
         )
         if first:
-            self.notes += [n for n in notes if "is in neither the log nor the file" in n]
+            self.notes += [n for n in notes if "(neither in the log nor in signals.toml)" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
             speed = found["vehicle_speed"]
             radius = self._car.values["wheel_radius_front"]
@@ -280,7 +286,7 @@ class Stream:
         ndarray, (rows,)
             Times, s.
         dict of str to ndarray, (rows,)
-            Values by channel, NaN: missing.
+            Values by channel. NaN: missing.
         """
         if not self._may_have_rows(now):
             return self._make_empty()
@@ -300,7 +306,7 @@ class Stream:
         return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
 
     def _receive(self, now: float) -> _Heard:
-        """Return the channels received so far; note the time of their last values."""
+        """Return the channels received so far; update the times of their last values."""
         found = self._build_series()
         anew = now > self._looked + CHECK_INTERVAL or set(found) != set(self._usual)
         if anew:
@@ -318,7 +324,7 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        # channels with the same times, by the id of their array
+        # id of an array of times -> channels with these times
         even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
@@ -342,7 +348,8 @@ class Stream:
     def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return times and values of new entries, as select_entries() does.
 
-        Held values are searched for only if `anew`, since this is slow."""
+        To save time, held values are searched only if `anew`, or if the channel had some
+        in the last search."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -356,8 +363,7 @@ class Stream:
     def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
-        """Return channels with the same times at those of the rows, as resample()
-        does."""
+        """Resample channels that have the same times, as resample() does for one."""
         t = own[names[0]][0][-SPLINE_ENTRIES:]
         if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
@@ -369,7 +375,7 @@ class Stream:
         return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _begin(self, heard: _Heard) -> bool:
-        """Set rate and start of the rows; return False while there are too few frames."""
+        """Set rate and start of the rows. Return False if there are too few frames."""
         wanted = [
             c
             for c, s in self._all.signals.items()
@@ -379,7 +385,7 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        # the stamps of the computer jitter, but their mean rate is right
+        # the time stamps of the computer jitter, but their mean rate is correct
         if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
@@ -388,8 +394,10 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return False if the next row certainly waits for a channel, as after most
-        frames."""
+        """Return False if the next row must wait for a channel, True if it may be
+        complete.
+
+        A fast check, since most frames complete no row."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -410,7 +418,10 @@ class Stream:
         return True
 
     def _find_row_limit(self, heard: _Heard) -> float:
-        """Return the time up to which each channel has a later value, or is silent, s."""
+        """Return the time up to which rows are complete, s.
+
+        Each channel has a later value, or is silent, or the row has waited long
+        enough."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
@@ -424,7 +435,10 @@ class Stream:
         return min(until) if until else -math.inf
 
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return each new entry in its nearest row, or in the first of the new rows."""
+        """Return a column with each new entry in the row nearest to it.
+
+        An entry that arrives after its row was returned is in the first of the new
+        rows."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -434,7 +448,7 @@ class Stream:
         return out
 
     def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
-        """Return the columns of the rows: means of axles, NaN outside the ranges."""
+        """Return the columns of the rows: means of axles, NaN for values out of range."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):
@@ -460,8 +474,9 @@ class Stream:
     def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
         """Return the mean wheel speed of an axle.
 
-        If a wheel is missing, its speed follows from the other wheel and the yaw rate,
-        with the factor of the turns so far."""
+        If one wheel is missing, its speed is computed from that of the other wheel and
+        the yaw rate. The factor (right - left) / yaw rate is fitted to all rows so
+        far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
         turn[0] += float(np.sum((right - left)[both] * yaw[both]))
@@ -481,13 +496,13 @@ def find_mean_rate(s: Series) -> float:
 
 
 def _list_names(s: SignalSource) -> list[str]:
-    """Return the names of all signals of a channel."""
+    """Return the names of all signals from which a channel is made."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
 def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
-    """Return a signal with whole names."""
+    """Return the source with the complete names of its signals: `whole`, by name."""
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),
@@ -499,5 +514,5 @@ def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
 
 
 def _mask_outside(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return the values, NaN outside the range."""
+    """Return the values with NaN for those outside low .. high."""
     return np.where((x >= low) & (x <= high), x, np.nan)

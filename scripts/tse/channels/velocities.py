@@ -1,4 +1,4 @@
-"""Find the velocities of an INS or an optical sensor, and the sign of the lateral one."""
+"""Find the velocities of an INS or optical sensor, and the sign of the lateral one."""
 
 import re
 from collections.abc import Sequence
@@ -22,9 +22,10 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# min slope, in sd, of the derivative of the lateral velocity over accel_y - v r
+# [sd] min regression coefficient of accel_y - v r on the derivative of the lateral
+# velocity that determines the sign of the velocity
 MIN_SIGN_SDS = 6.0
-MAX_ACROSS = 0.35  # max ratio of lateral velocity to speed, in 98 % of the rows
+MAX_ACROSS = 0.35  # [1] max ratio of lateral velocity to speed in 98 % of the rows
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -39,12 +40,12 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     v : ndarray or None, (rows,)
         Speed of the wheels, m/s. None: unknown.
     format_ : str
-        Format of the log: in VBOX files the lateral velocity is positive to the right.
+        Format of the log. In VBOX files, the lateral velocity is positive to the right.
 
     Returns
     -------
     list of Guess
-        The longitudinal velocity, if it equals the speed of the wheels. The lateral
+        Longitudinal velocity, if it is about equal to the speed of the wheels. Lateral
         velocity, if its sign follows from accel_y - v r or from the format.
     """
     taken = {n for g in guesses for n in g.name}
@@ -75,7 +76,10 @@ def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
 def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
-    """Return the guess of a velocity; None: it contradicts the speed, or has no sign."""
+    """Return the guess that a signal is a velocity; None: it is not.
+
+    It is rejected if it contradicts the speed `v`, or if the sign of a lateral velocity
+    is unknown. `vbox`: the log is a VBOX file."""
     unit = look.find_unit(name)
     x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
@@ -88,7 +92,7 @@ def _guess_velocity(
         if not 0.85 < share < 1.18:
             return None
         guess.confidence = "sure"
-        guess.figures.append(f"over the speed of the wheels: {share:.3f}")
+        guess.figures.append(f"ratio to the speed of the wheels: {share:.3f}")
         return guess
     if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > MAX_ACROSS:
         return None
@@ -97,12 +101,13 @@ def _guess_velocity(
         guess.sign = float(np.sign(certainty))
         guess.confidence = "sure"
         guess.figures.append(
-            f"its change goes with accel_y - v r, positive to the {'left' if guess.sign > 0 else 'right'}"
+            f"its derivative correlates with accel_y - v r: positive to the "
+            f"{'left' if guess.sign > 0 else 'right'}"
         )
     elif vbox:
         guess.sign = -1.0
         guess.confidence = "likely"
-        guess.figures.append("positive to the right, as VBOX has it; the log moves too little to test it")
+        guess.figures.append("positive to the right, as VBOX defines it; too little motion to test it")
         guess.unsure.append("its sign")
     else:
         return None
@@ -112,10 +117,11 @@ def _guess_velocity(
 def _find_sign(
     look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
 ) -> float:
-    """Return the slope of accel_y - v r over the derivative of the velocity, in sd.
+    """Return the regression coefficient of accel_y - v r on the derivative of the lateral
+    velocity x, over its sd; 0: unknown.
 
-    The regression contains the part of accel_y that the roll of the body causes. 0:
-    unknown."""
+    Its sign is the sign of x. A second regressor, accel_y, accounts for gravity that the
+    accelerometer measures because of body roll."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

@@ -91,8 +91,8 @@ ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
         (r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),
     ),
 }
-# For each role: words in similar names of different quantities. They reduce the score by
-# 4.
+# For each role: words in similar names of different quantities. A name with such a word
+# loses 4 of its score.
 NOT_ROLE_WORDS = {
     "yaw_rate": (
         r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|"
@@ -218,8 +218,8 @@ def find_place(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
-# parts of names that join place and quantity of a wheel in one word: FLwhlspd, LFspeed,
-# whlflspd
+# patterns for names that join place and quantity of a wheel in one word, e.g. FLwhlspd,
+# LFspeed, whlflspd
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",

@@ -1,4 +1,4 @@
-"""Find wheels, motion and pedals among the signals: by name, unit and kinematics."""
+"""Find the signals of wheel speeds, motion and pedals by name, unit and kinematics."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ from tse.channels.vocabulary import (
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
-# Hz: min rate of a wheel speed. A GNSS receiver with 1 Hz misses braking.
+# [Hz] min rate of a wheel speed. A GNSS receiver with 1 Hz does not resolve braking.
 MIN_WHEEL_RATE = 5.0
 
 
 def find_wheels(look: Look) -> dict[str, str]:
-    """Return place and name of each wheel, from the most complete and similar set."""
+    """Return place -> name of each wheel speed.
+
+    Signals with similar names or of one message form sets. The set that is the most
+    complete and whose signals are the most similar is chosen."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
         place, worth = find_place(name)
@@ -64,14 +67,14 @@ def find_wheels(look: Look) -> dict[str, str]:
             if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
                 found, best = {p: n for p, (_, n) in mine.items()}, value
     if "front_left" in found or "rear_left" in found:
-        for axle in AXLES:  # a single wheel of an axle is not used
+        for axle in AXLES:  # if only one wheel of an axle is found, it is not used
             if sum(f"{axle}_{s}" in found for s in ("left", "right")) == 1:
                 found = {p: n for p, n in found.items() if not p.startswith(axle)}
     return found or _find_nameless_wheels(look)
 
 
 def _strip_place(name: str) -> str:
-    """Return a name with * in place of the words for the place."""
+    """Return the words of a name, with * for those of the place (front left, ...)."""
     text = join_words(last_part(name))
     return re.sub(
         r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|"
@@ -82,7 +85,7 @@ def _strip_place(name: str) -> str:
 
 
 def is_rolling(x: np.ndarray) -> bool:
-    """Return whether a signal may be a speed: hardly ever below 0, and not constant."""
+    """Return whether a signal may be a speed: rarely below 0, and not constant."""
     good = x[np.isfinite(x)]
     return (
         len(good) > 10
@@ -92,7 +95,7 @@ def is_rolling(x: np.ndarray) -> bool:
 
 
 def _compare_motion(look: Look, names: list[str]) -> float:
-    """Return twice the min correlation of signals with the first one; wheels have 2."""
+    """Return twice the min correlation of signals with the first one: wheels have 2."""
     if len(names) < 2:
         return 0.0
     first = look.x[names[0]]
@@ -100,7 +103,10 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Return four signals of one unit that differ by a few percent, in file order."""
+    """Return four speeds without telling names, as wheels in the order of the file.
+
+    They have the same unit and differ by a few percent. find_sides() corrects the
+    order."""
     rolling = [
         n
         for n in look.x
@@ -136,7 +142,9 @@ def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return the speed by wheels, or else by name, in the unit of the log."""
+    """Return the mean wheel speed, or otherwise the signal with the name of a speed.
+
+    Unit: that of the log. None: there is no speed."""
     if wheels:
         return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
     name = find_named_speed(look)
@@ -144,22 +152,23 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return the speed of the car as the rear axle, for a log without wheels.
+    """Return the speed of the car as that of the rear axle, for a log without wheel
+    speeds.
 
-    The reader uses it for the front axle, too, and marks slip as unknown."""
+    The reader of the log uses it for the front axle, too. Slip is then unknown."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
 def is_car_speed(wheels: Mapping[str, str]) -> bool:
-    """Return whether these wheels are the speed of the car."""
+    """Return whether find_speed() found `wheels`: the speed of the car, not of wheels."""
     return len(wheels) == 1
 
 
 def find_named_speed(look: Look, slowest: float = 0.0) -> str:
-    """Return the signal whose name is that of the car's speed; "" if there is none.
+    """Return the name of the signal that by its name is the car's speed; "": none.
 
-    `slowest`: min rate, Hz."""
+    `slowest`: min rate of the signal, Hz."""
     named = sorted(
         (score_name("speed", look.clean_name(n)) + (unit_kind(look.find_unit(n)) == "speed"), n)
         for n in look.x
@@ -169,14 +178,15 @@ def find_named_speed(look: Look, slowest: float = 0.0) -> str:
 
 
 def is_sided(wheels: Mapping[str, str]) -> bool:
-    """Return whether the names state which wheel is left."""
+    """Return whether the names of the wheel speeds state their places."""
     return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return right less left wheel, which is proportional to the yaw rate.
+    """Return right less left wheel speed of an axle, which is proportional to the yaw
+    rate.
 
-    None: there is no pair, or the names do not state which is left."""
+    None: no axle has both wheels, or their names do not state the side."""
     if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
@@ -187,9 +197,10 @@ def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """Assign places to nameless wheels.
+    """Assign places to four wheel speeds whose names do not state them.
 
-    Those that are slower in a left turn are left. The first of each side is front."""
+    The two that are slower in left turns are the left wheels. In the order of the file,
+    the first wheel of each side is the front one."""
     if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
     r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
@@ -199,12 +210,13 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
     return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
 
 
-# ---- The other channels, by name, unit and agreement with each other.
+# ---- Motion of the car, by name, unit and agreement of the channels with each other.
 
-# Correlation that is neutral for a role (others: 0.75). The derivative of the wheel speed
-# is a noisy reference, and grade adds to accel_x.
+# Correlation that counts neither for nor against a role; 0.75 for other roles. For
+# accel_x it is lower, since the derivative of the wheel speed is noisy, and grade adds to
+# accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
-MAX_PHYSICS_SCORE = 4.0  # max score for or against a role by physics
+MAX_PHYSICS_SCORE = 4.0  # max abs. score of a signal for a role by physics
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
@@ -218,18 +230,20 @@ def find_roles(
     look : Look
         The log.
     wheels : mapping of str to str
-        Place and name of each wheel.
+        Place of each wheel -> name of its signal.
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role and name of the last pass, as references. Empty: names alone.
+        Role -> name, as found by the pass before: references for physics. Empty in the
+        first pass, whose references are the signals with the best names.
 
     Returns
     -------
     dict of str to str
-        Role and name.
+        Role -> name of its signal.
     dict of str to dict of str to float
-        By role: the scores by name and unit ("said"), and by physics ("shown").
+        For each role the scores of its signal: by name and unit ("said"), by physics
+        ("shown").
     """
     taken = set(wheels.values()) | find_quaternions(look)
     said = {
@@ -247,10 +261,11 @@ def find_roles(
     shown: dict[str, dict[str, float]] = {}
     turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
-    # the unit is not known yet: scaled to a max of 25 m/s
+    # The unit of the speed is not known yet, but the fit of the steering angle needs m/s:
+    # scale the speed so that its 98 % quantile is 25 m/s.
     usual = None if v is None else v * (25.0 / top if top else 1.0)
     change = None if v is None else physics.differentiate(v)
-    # only for candidates that physics can lift to MIN_NAME_SCORE
+    # compute the score by physics only if it can raise the sum to MIN_NAME_SCORE
     for role in MOTION_ROLES:
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
@@ -261,8 +276,8 @@ def find_roles(
         total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
-    for w, role, n in pairs:  # the best first; one signal has one role
-        # a unit without a name is not sufficient
+    for w, role, n in pairs:  # the best pair first; each signal gets at most one role
+        # a matching unit is not sufficient: name or physics must match, too
         if (
             role not in found
             and n not in found.values()
@@ -277,7 +292,7 @@ def find_roles(
 
 
 def find_quaternions(look: Look) -> set[str]:
-    """Return the parts of quaternions: x, y, z beside a w."""
+    """Return the components of attitude quaternions: names that end in x, y, z and w."""
     known = set(look.channels)
     stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
     return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
@@ -301,9 +316,11 @@ def _score_by_physics(
     turn: np.ndarray | None,
     ref: Mapping[str, str],
 ) -> float:
-    """Return the score of a signal for a role by its correlation with the others.
+    """Return the score of a signal for a role by its correlation with other channels.
 
-    -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE; 0: no signal to compare with."""
+    It is in -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE. 0: there is no channel to compare
+    with. `v`: speed in any unit. `usual`: speed scaled to m/s. `change`: derivative of v.
+    `turn`: right less left wheel speed. `ref`: role -> name of the other channels."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -342,7 +359,10 @@ def _find_pair(
     said: Mapping[str, Mapping[str, float]],
     ref: Mapping[str, str],
 ) -> dict[str, str]:
-    """Return the unnamed yaw rate and accel_y with the best fit of a_y = v r."""
+    """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y.
+
+    For roles that no signal's name describes. `ref` gives a signal whose role is
+    known."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -351,8 +371,8 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # of two correlated signals, the acceleration is the one that v times the other
-        # fits better
+        # Reduce the score if r correlates with a better than v r does: their roles may be
+        # swapped, or both measure the same quantity.
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}
@@ -374,24 +394,25 @@ AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-MIN_BRAKING_LOSS = 0.7  # m/s2: min additional deceleration while the brake is on
-# the car brakes above this share of this quantile
+MIN_BRAKING_LOSS = 0.7  # [m/s2] min difference of dv/dt with brake off and on
+# The car brakes if pressure or pedal exceed this share of this quantile of their values.
 PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
     """Return the guesses of brake and wheel torques.
 
-    `v`: speed on the raster of `look`, m/s. None: unknown."""
+    `v`: speed at the times of `look`, m/s. None: unknown."""
     found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
     return [*best, *(g for a in AXLE_NAME if (g := _guess_torque(recording, a)) is not None)]
 
 
 def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
-    """Return the guess that a signal is the brake.
+    """Return the guess that a signal is the brake; None: it is not.
 
-    None: its name is another, or the car does not decelerate more while it is on."""
+    The name must be that of a brake. If the speed is known, the car must decelerate by
+    MIN_BRAKING_LOSS more while the brake is on."""
     name, x = join_words(c.short), c.value[np.isfinite(c.value)]
     if (
         not BRAKE_NAME.search(name)
@@ -413,7 +434,8 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     )
     if above is not None:
         guess.figures.append(
-            f"a pressure or a pedal: the car brakes above {100 * PEDAL_SHARE:g} % of its large values"
+            f"a pressure or a pedal: the car brakes if it exceeds {100 * PEDAL_SHARE:g} % of its "
+            f"{100 * PEDAL_QUANTILE:g} % quantile"
         )
     good = np.isfinite(c.value)
     on = (
@@ -436,9 +458,9 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
 
 
 def _guess_torque(recording: Recording, axle: str) -> Guess | None:
-    """Return the guess of an axle's wheel torque, by name and unit.
+    """Return the guess of an axle's wheel torque by name and unit; None: there is none.
 
-    agree.py compares it with mass x accel_x."""
+    agree.py later compares it with mass x accel_x."""
     for c in recording:
         name = join_words(c.short)
         named = (
@@ -446,7 +468,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
         )
         if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
-            guess.figures.append("by its name and unit: drive minus brake torque of both wheels is needed")
+            guess.figures.append("by its name and unit; needed: drive minus brake torque, sum of both wheels")
             guess.unsure.append("the signal, by its name alone")
             return guess
     return None
