@@ -458,7 +458,7 @@ def test_the_simulated_car_is_that_of_the_command(tmp_path):
     file, here = tse.Filter(tmp_path / "car.toml"), tse.Filter(tse.simulated_car())
     assert file.settings == here.settings and here.settings["model_sd"] == 0 and here.settings["mass"] == 1900
     with pytest.raises(
-        tse.Error, match=r"mass = 0 is outside its range 50 .. 50000 kg; leave out what is not known"
+        tse.Error, match=r"mass = 0 is outside its range 50 .. 50000 kg; if it is unknown, leave it out"
     ):
         tse.read_vehicle({**tse.simulated_car(), "mass": 0})
 

@@ -255,7 +255,7 @@ def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
     assert "averaged over 0.04 s: 2001 rows became 500, each the mean of 4" in done.err
-    assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
+    assert "accel_x_sd: 0.15 m/s2 for one sample is 0.075 m/s2 for a mean of 4" in done.err
     last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
     for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True):
         assert (

@@ -287,9 +287,9 @@ def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):
     write_formula(tmp_path / "damper.toml", HIDDEN)
     for table, words in (
         ('[formula]\nfile = "none.toml"\n', "none.toml"),
-        ('[formula]\nfile = "../damper.toml"\n', "beside this file"),
-        ("[formula]\nfile = 3\n", "beside this file"),
-        ('[formula]\nfile = "damper.toml"\ngain = 2\n', "nothing else"),
+        ('[formula]\nfile = "../damper.toml"\n', "in the same folder"),
+        ("[formula]\nfile = 3\n", "in the same folder"),
+        ('[formula]\nfile = "damper.toml"\ngain = 2\n', "exactly one key"),
     ):
         path.write_text(text + "\n" + table)
         done = tselab_here("vehicle", path)

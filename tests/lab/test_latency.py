@@ -221,7 +221,7 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
     car = read_vehicle(path)
     assert car.values["steer_angle_latency"] == 0.034 and car.values["accel_y_latency"] == -0.011
     path.write_text(CAR + "yaw_rate = 0.01\n")
-    with pytest.raises(UserError, match=r"latency.yaw_rate is not known: it is the clock"):
+    with pytest.raises(UserError, match=r"latency.yaw_rate is not known: it is the reference"):
         read_vehicle(path)
     assert list(list_latency_settings()) == [c.name for c in library().channels if c.name != "yaw_rate"]
     path.write_text(CAR.replace("0.034", "0.5"))

@@ -165,7 +165,7 @@ def test_a_velocity_in_another_unit_or_of_another_sign_is_said(
 
 def test_settings_without_a_velocity_are_refused_where_this_run_asks_for_them(drive: pd.DataFrame) -> None:
     """A vehicle file that was calibrated with an INS is of logs without one, too."""
-    with pytest.raises(UserError, match=r"velocity_lever_x without effect: the log has none of ins_vel_x"):
+    with pytest.raises(UserError, match=r"velocity_lever_x has no effect: the log has none of ins_vel_x"):
         make_config(make_car(), read_frame(drive), options={"velocity_lever_x": 1.0})
     make_config(make_car(velocity_lever_x=1.0), read_frame(drive))
     config, _ = make_config(make_car(velocity_lever_x=1.0), read_frame(make_gnss_columns(drive)))
@@ -267,7 +267,7 @@ def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driv
 
 def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame) -> None:
     with pytest.raises(
-        UserError, match="wheel_torque_least without effect: the log has none of wheel_torque_front"
+        UserError, match="wheel_torque_least has no effect: the log has none of wheel_torque_front"
     ):
         make_config(
             its_car, read_frame(driven.drop(columns=list(PEDALS[1:]))), options={"wheel_torque_least": 90.0}

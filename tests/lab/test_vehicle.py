@@ -90,7 +90,7 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
     windy = read(tmp_path, BARE + "[effects.crosswind]\nspeed = 10.0\n[effects.body_roll]\ngain = 0.004\n")
     (note,) = make_config(windy, None)[1]
-    assert note.startswith("effects.crosswind: not in the filter's model, not used")
+    assert note.startswith("effects.crosswind: not used, since it is not in the filter's model")
     for late in ("steering_delay", "imu_delay"):  # the prior of a state
         assert make_config(read(tmp_path, BARE + f"[effects.{late}]\ntime = 0.02\n"), None)[1] == []
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
@@ -101,7 +101,8 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
     grip = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
     (note,) = make_config(read(tmp_path, grip), None)[1]
     assert note == (
-        "effects.tyre_saturation.inverse_friction = 1.25: not used while grip = 1; with grip = 0 it is"
+        "effects.tyre_saturation.inverse_friction = 1.25: not used, since grip = 1 replaces it; "
+        "set grip = 0 to use it"
     )
     assert make_config(read(tmp_path, grip), None, options={"grip": 0.0})[1] == []
     text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
@@ -160,7 +161,7 @@ def test_a_friction_of_a_car_that_nobody_has_calibrated_is_said_not_to_be_used(t
     car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n")
     _, said = make_config(car, None)
     named = [s for s in said if "effects.tyre_saturation.inverse_friction" in s]
-    assert named == [s for s in said if "not used while grip = 1; with grip = 0 it is" in s]
+    assert named == [s for s in said if "not used, since grip = 1 replaces it; set grip = 0 to use it" in s]
     assert len(named) == notes
 
 
@@ -212,7 +213,7 @@ def test_an_uncertainty_out_of_range_is_refused(tmp_path):
 def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tmp_path):
     car = read(tmp_path, BARE + "[source]\nrepo = 'x'\n[simulink]\nsolver = 'ode4'\n[[logger]]\nport = 1\n")
     assert [n for n in car.notes if "not known" in n] == [
-        "car.toml: [simulink], [logger] is not known and not used"
+        "car.toml: [simulink], [logger] is unknown and not used"
     ]
 
 

@@ -1,5 +1,7 @@
-"""Settings of a run: defaults, then the vehicle file, the sampling of the log, --config
-and the options.
+"""Collect the settings of a run.
+
+They are the defaults, overridden by the vehicle file, then by the sampling of the log,
+then by the file of --config, then by options.
 """
 
 import re
@@ -15,18 +17,20 @@ from tse.library.errors import UserError
 from tse.library.files import read_toml
 from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
-GAP_IN_SAMPLES = 5  # min max_gap, in sample times
-# Both wheel speeds are one signal if their ratio in at least MANY rows, above ROLLING
-# rad/s, differs by less than SAME_RATIO from row to row.
+GAP_IN_SAMPLES = 5  # [sample times] min of the setting max_gap
+# Front and rear wheel speed are the same signal if their ratio varies by less than
+# SAME_RATIO over all rows above ROLLING rad/s, and there are more than MANY such rows.
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
     "longitudinal stiffness is not estimated"
 )
-# by the setting `form`: values of the column `filter` of src/tables
+# name of the filter for each value of the setting `form`, as in the column `filter` of
+# src/tables
 FILTERS = ("default", "paper")
-# tables of src/tables whose settings are of a filter, and of no car
+# tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
+# filter -> how messages name the forms that select it
 FORMS = {"default": "form default", "paper": "form robust or paper"}
 
 
@@ -63,28 +67,29 @@ def make_config(
     options: Mapping[str, Any] | None = None,
     form: str = "default",
 ) -> tuple[Config, list[str]]:
-    """Return the settings of a run and notes: what follows from the log, and which
-    settings are not used.
+    """Return the settings of a run, and notes.
+
+    The notes state what follows from the log, and which settings are not used.
 
     Parameters
     ----------
     vehicle : Vehicle
-        A vehicle file, as read.
+        The car.
     log : CheckedLog or None
-        The log of the run. It gives the sample time and shows whether both wheel speeds
-        are one signal.
+        Log of the run. The sample time follows from it, and whether both wheel speeds are
+        the same signal.
     filter_file : Path or None
-        A file of further settings, --config.
+        File with further settings, of option --config.
     options : Mapping or None
-        Further settings by name. None as a value: not given.
+        Further settings by name. None as a value: the option is not given.
     form : str
         default, paper or robust.
 
     Raises
     ------
     UserError
-        A setting is outside its range, or an optional channel or a setting about one
-        would have no effect.
+        A setting is outside its range, or an optional channel or a setting that belongs
+        to one would have no effect.
     """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -109,8 +114,8 @@ def make_config(
     )
     if form != "default":
         notes.append(
-            f"form {form} is the paper's filter, a reference for its model: "
-            "on an ordinary car values and intervals are wrong"
+            f"form {form} is the filter of the paper, for comparison only: "
+            "for an ordinary car, its values and intervals are wrong"
         )
     asked = {key for key, x in config.as_dict().items() if x != values.get(key)}
     _check_optional(config, log, asked)
@@ -118,61 +123,66 @@ def make_config(
 
 
 def filter_of(config: Config) -> str:
-    """Return the filter of some settings: default or paper."""
+    """Return the filter that these settings select: default or paper."""
     return FILTERS[int(config.form)]
 
 
 def is_used(name: str, config: Config) -> bool:
-    """Return whether the filter of these settings uses a setting."""
+    """Return whether the filter that `config` selects uses the setting `name`.
+
+    It does not use settings of the other filter, and none that a set one replaces."""
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
 
 
 def check_effect(names: Collection[str], config: Config) -> None:
-    """Refuse settings of the other filter, which would have no effect.
+    """Raise an error if a stated setting belongs to the other filter: it has no effect.
 
-    Settings of the car are accepted, since a vehicle file serves both filters:
-    unused_notes() lists them.
+    Settings of the car are accepted, since a vehicle file is used with both filters.
+    unused_notes() lists those without effect.
 
     Parameters
     ----------
     names : Collection of str
-        Settings that the run asks for. One at its default is accepted.
+        Settings that the user states for this run. A setting with its default value is
+        accepted.
     config : Config
         All settings of the run.
 
     Raises
     ------
     SettingError
-        A setting is of the other filter.
+        A setting belongs to the other filter.
     """
     for name in config.changed():
         use = library().settings[name]
         if name in names and use.table in TUNING and use.filter not in ("both", filter_of(config)):
-            raise SettingError(f"{name} has no effect with this form: it is a setting of {FORMS[use.filter]}")
+            raise SettingError(f"{name} has no effect with this form: it belongs to {FORMS[use.filter]}")
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return the settings about optional channels, rows of src/tables/sensors.toml, by
-    the channels.
+    """Return groups of optional channels, each with the settings that belong to it.
+
+    The settings are rows of src/tables/sensors.toml.
     """
     tables = {VELOCITY_COLUMNS: "velocity", TORQUE_COLUMNS: "pedals", ROAD_COLUMNS: "road"}
     return {channels: list(library().settings_in(table)) for channels, table in tables.items()}
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Refuse an optional channel, or a setting about one, that has no effect.
+    """Raise an error if an optional channel, or a setting that belongs to one, has no
+    effect.
 
-    `asked` are the settings of this run alone: a vehicle file is for all logs of its car,
-    with an INS or without.
+    `asked`: settings stated for this run. Those of the vehicle file are not checked,
+    since it is used for all logs of the car, with these channels or without.
     """
     if log is None:
         return
     if log.optional and config.form != 0:
         raise UserError(
             f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; "
-            "leave the column out, or the form"
+            "leave out the column, or the option for the form"
         )
     for channels, settings in optional_settings().items():
         given = [
@@ -181,12 +191,12 @@ def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[st
         if given and not any(c in log.optional for c in channels):
             known = ", ".join(channels)
             raise UserError(
-                f"{log.path}: {', '.join(given)} without effect: the log has none of {known}; leave it out"
+                f"{log.path}: {', '.join(given)} has no effect: the log has none of {known}; leave it out"
             )
 
 
 def effect_settings() -> tuple[str, ...]:
-    """Return the settings of all effects."""
+    """Return the names of the settings of all effects."""
     return library().settings_in("effects")
 
 
@@ -198,9 +208,9 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
     config : Config
         All settings of the run.
     stated : Mapping
-        Settings that the user has stated, by name. One at its default gets no note.
+        Settings that the user states, by name. One with its default value gets no note.
     formula : bool
-        Whether the user has stated a formula.
+        True: the user states a formula.
     """
     lib = library()
     unused: list[str] = []
@@ -218,7 +228,7 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
     notes = []
     if unused:
         notes.append(
-            f"{', '.join(unused)}: not in the filter's model, not used "
+            f"{', '.join(unused)}: not used, since it is not in the filter's model "
             "(tselab simulate, calibrate and gap use it)"
         )
     for effect in lib.effects.values():
@@ -227,16 +237,16 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
             if stated.get(p.setting, p.default) != p.default and not is_used(p.setting, config):
                 other = lib.settings[p.setting].replaced_by
                 notes.append(
-                    f"effects.{effect.id}.{p.name} = {stated[p.setting]:g}: not used while {other} = "
-                    f"{getattr(config, other):g}; with {other} = 0 it is"
+                    f"effects.{effect.id}.{p.name} = {stated[p.setting]:g}: not used, since {other} = "
+                    f"{getattr(config, other):g} replaces it; set {other} = 0 to use it"
                 )
     return notes
 
 
 def wheels_are_one(log: CheckedLog) -> bool:
-    """Return whether the wheel speeds of both axles are one signal, logged twice.
+    """Return whether the wheel speeds of both axles are the same signal, logged twice.
 
-    They are where both have the same ratio in all rows that move.
+    Their ratio is then constant in all rows in which the car moves.
     """
     front, rear = (log.data[f"wheel_speed_{axle}"].to_numpy(float) for axle in ("front", "rear"))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -246,8 +256,9 @@ def wheels_are_one(log: CheckedLog) -> bool:
 
 
 def set_sampling(config: Config, sample_time: float) -> list[str]:
-    """Set sample_time and max_gap for rows that are usually `sample_time` s apart; return
-    notes.
+    """Set the settings sample_time and max_gap; return notes.
+
+    `sample_time`: median step of the rows, s.
     """
     f = config.fields["sample_time"]
     used = min(max(sample_time, f.low), f.high)
@@ -260,7 +271,7 @@ def set_sampling(config: Config, sample_time: float) -> list[str]:
 
 
 def filter_text(config: Config) -> str:
-    """Return the filter in a few words: its kind, and the size of the paper's."""
+    """Return a description of the filter in a few words, for messages."""
     if not config.form:
         return "the car's Kalman filter"
     return f"{config.particles} particles, forgetting {config.forgetting:g}, seed {config.seed}"
@@ -269,7 +280,7 @@ def filter_text(config: Config) -> str:
 def c_settings(vehicle: Vehicle) -> str:
     """Return the settings of a vehicle file as a function in C99, for any number format.
 
-    Settings that the file leaves out are those of the class of the car.
+    Settings that the file leaves out have the values of the car's class.
     """
     config, _ = make_config(vehicle, None)
     stated = {*vehicle.values, *config.changed()}

@@ -1,8 +1,8 @@
-"""Read a formula of the user, and turn it into settings, values over a log, or C.
+"""Read a formula of the user; convert it to settings, values for each row of a log, or C.
 
-A formula is an effect outside the catalogue: a place in the model, an expression and its
-numbers. Its text is checked and compiled to the settings formula_* of
-src/tables/formula.toml.
+A formula is an effect that the catalogue does not have. It consists of a place in the
+model, an expression that is added there, and the numbers in the expression. The
+expression is checked and compiled to the settings formula_* of src/tables/formula.toml.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
-MAX_FORMULA_VALUE = 1e6  # a larger result, or NaN, counts as 0
-PER_CODE = 3  # operations in one formula_code_<k>, a byte each, lowest byte first
-# Limits of the text. They protect Python's parser and the recursion here.
-MAX_TEXT = 400
-MAX_NESTING = 20
-MAX_POWER = 4
-MAX_UNIT = 40  # characters
+MAX_FORMULA_VALUE = 1e6  # a result of this magnitude or more, or NaN, is replaced by 0
+PER_CODE = 3  # operations in one setting formula_code_<k>: a byte each, lowest byte first
+# Limits of the expression. They protect Python's parser and the recursion in _Compiler.
+MAX_TEXT = 400  # characters
+MAX_NESTING = 20  # levels
+MAX_POWER = 4  # max exponent
+MAX_UNIT = 40  # characters of a unit
 
 OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
-LITERALS = {1.0: "one", 2.0: "two"}
+LITERALS = {1.0: "one", 2.0: "two"}  # literals with an operation of their own, without a slot
+# operation -> how an expression writes it. It must not be called by its name
 WRITTEN_AS = {
     "add": "x + y",
     "sub": "x - y",
@@ -45,7 +46,8 @@ WRITTEN_AS = {
     "one": "1",
     "two": "2",
 }
-# Units of the operands after the first, where the unit column is `first`. x: its unit.
+# For operations whose result has the unit of the first operand (unit `first` in the
+# table): units of the other operands. "x": the unit of the first operand.
 OPERANDS = {"lag": ("s",), "second": ("1/s", "1"), "late": ("s",), "play": ("x",), "limit": ("x/s",)}
 UNIT = re.compile(r"((1|[A-Za-z]+[1-9]?( [A-Za-z]+[1-9]?)*)(/[A-Za-z]+[1-9]?)*)?")
 FORMULA_KEYS = ("id", "title", "place", "formula", "gain", "numbers", "found")
@@ -54,20 +56,20 @@ UNIT_STYLE = 'units are written as in rad, m/s2, rad s2/m, kg m2, 1/s, Hz; "1" i
 
 
 class FormulaError(UserError):
-    """A formula is refused. The text names the key, the error and the allowed values.
+    """A formula is invalid. The message states the key, the error and the allowed values.
 
-    parse() and read_formula() put the file before it.
+    parse() and read_formula() put the name of the file before the message.
     """
 
 
 def _get_limit(name: str) -> int:
-    """Return a limit of a formula, [limit] of src/tables/formula.toml."""
+    """Return a limit of formulas: table [limit] of src/tables/formula.toml."""
     return library().formula_limits[name]
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a formula, in its own unit. sd: None if it is unknown."""
+    """One number of a formula. `value` and `sd` are in `unit`. sd None: unknown."""
 
     name: str
     value: float
@@ -78,26 +80,26 @@ class Number:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula, checked when it is made.
+    """A formula. It is checked when it is created.
 
     Attributes
     ----------
     id, title, place
         Name, heading, and place in the model (FORMULA_PLACE).
     text
-        Expression as written.
+        Expression as the user wrote it.
     numbers
-        Numbers of the expression.
+        Numbers that the expression uses by name.
     gain
         Factor of the whole formula.
     found
-        Facts that tselab wrote to the file, not interpreted: strings, numbers, lists of
-        them.
+        Facts that tselab wrote to the file: strings, numbers, lists of them. They are
+        kept, but not used.
 
     Raises
     ------
     FormulaError
-        A part is refused.
+        A part is invalid.
     """
 
     id: str
@@ -134,7 +136,7 @@ class Formula:
 
     @property
     def _program(self) -> _Program:
-        """Compiled program of the text."""
+        """Program compiled from the expression."""
         return _compile_program(
             self.text,
             library().formula_places[self.place].unit,
@@ -154,19 +156,19 @@ class Formula:
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Literals of the text but 1 and 2; their slots follow those of the numbers."""
+        """Literals of the expression except 1 and 2, in the slots after the numbers."""
         return self._program.constants
 
     @property
     def slots(self) -> dict[str, str]:
-        """Setting that holds each number, in order of first appearance."""
+        """Name of each number -> setting that holds it, in order of first appearance."""
         return {
             name: f"formula_{letter}"
             for name, letter in zip(self._program.named, _list_letters(), strict=False)
         }
 
     def settings(self) -> dict[str, float]:
-        """Return all settings formula_* by name; unused slots and codes are 0."""
+        """Return all settings formula_* by name. Unused slots and codes are 0."""
         slots = [self._values[name] for name in self._program.named] + list(self.constants)
         settings = {
             "formula_gain": float(self.gain),
@@ -180,7 +182,7 @@ class Formula:
         return settings
 
     def with_values(self, values: Mapping[str, float]) -> Formula:
-        """Return the formula with other values of some numbers, in their units.
+        """Return the formula with new values of some numbers, in their units.
 
         Raises
         ------
@@ -199,13 +201,13 @@ class Formula:
         Parameters
         ----------
         signals
-            (rows,) values of the signals that the formula uses, by name in FORMULA_OP.
+            Values of each signal that the formula uses, (rows,), by its name in
+            FORMULA_OP.
         dt
-            s from the row before: one for all, or (rows,); the first one is not used.
+            Time since the row before, s: one number, or (rows,). The first is not used.
 
-        Returns
-        -------
-        (rows,) value that is added at the place, with gain, in the unit of the place.
+        Returns ------- Values that are added at the place, (rows,): gain times formula,
+        in the unit of the place.
 
         Raises
         ------
@@ -214,9 +216,8 @@ class Formula:
         ValueError
             Shapes do not match.
 
-        Notes
-        -----
-        This is the reference of the library. Memories start at rest at the first row.
+        Notes ----- Tests compare the library with this implementation. Operations with
+        memory start at rest at the first row.
         """
         rows = max([np.size(dt), *(np.size(values) for values in signals.values())])
         h = np.broadcast_to(np.asarray(dt, float), (rows,)).copy()
@@ -256,7 +257,7 @@ def parse(
     Raises
     ------
     FormulaError
-        A part is refused. `source` stands before the text.
+        A part is invalid. The message begins with `source`.
     """
     try:
         return Formula(id, title, place, text, tuple(numbers), gain)
@@ -265,7 +266,7 @@ def parse(
 
 
 def read_formula(path: Path) -> Formula:
-    """Read the file of a formula. UserError: it cannot be read, or is refused."""
+    """Read the file of a formula. UserError: it cannot be read, or it is invalid."""
     path = Path(path)
     data = read_toml(path)
     try:
@@ -289,7 +290,7 @@ def write_formula(path: Path, formula: Formula) -> None:
 
 
 def format_toml(formula: Formula) -> str:
-    """Return the file of a formula as text, with units in comments."""
+    """Return the contents of the file of a formula, with units in comments."""
     place = library().formula_places[formula.place]
     lines = [
         f"id = {_format_value(formula.id)}",
@@ -313,9 +314,9 @@ def format_toml(formula: Formula) -> str:
 
 
 def format_c_header(formula: Formula) -> str:
-    """Return the formula as a C99 header, compiled in place of the interpreter.
+    """Return the formula as a C99 header, which replaces the interpreter of the library.
 
-    Its numbers stay settings.
+    The numbers of the formula remain settings.
     """
     program, table = formula._program, library().formula_ops
     place = library().formula_places[formula.place]
@@ -370,27 +371,30 @@ def format_c_header(formula: Formula) -> str:
     )
 
 
-# ---- from text to program
+# ---- From expression to program
 
 
 @dataclass(frozen=True)
 class _Program:
-    """Operations in postfix order, and the numbers and constants of the slots."""
+    """A compiled expression."""
 
-    operations: tuple[str, ...]
-    named: tuple[str, ...]
-    constants: tuple[float, ...]
+    operations: tuple[str, ...]  # in postfix order
+    named: tuple[str, ...]  # names of the numbers in the first slots
+    constants: tuple[float, ...]  # literals in the slots after them
 
 
-# cached: every property of a Formula needs the program, and searches change only values
+# The result is cached: every property of a Formula needs the program, and a search
+# changes only the values of its numbers.
 @functools.lru_cache(maxsize=1024)
 def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str], ...]) -> _Program:
-    """Compile a text and check its dimensions. numbers: (name, unit) of each.
+    """Compile an expression and check its dimensions.
+
+    `place_unit`: unit of the place. `numbers`: name and unit of each number.
 
     Raises
     ------
     FormulaError
-        The text is refused.
+        The expression is invalid.
     """
     units: dict[str, Any] = {}
     for name, unit in numbers:
@@ -411,18 +415,18 @@ def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str],
     if len(slots) > len(letters):
         listed = ", ".join([*named, *(f"{c:g}" for c in constants)])
         raise FormulaError(
-            f"key formula: needs {len(slots)} numbers ({listed}), {len(letters)} are allowed, literals but 1 "
-            "and 2 count"
+            f"key formula: needs {len(slots)} numbers ({listed}), {len(letters)} are allowed; literals other "
+            "than 1 and 2 count"
         )
     letter = dict(zip(slots, letters, strict=False))
     return _Program(tuple(str(letter.get(s, s)) for s in compiler.steps), named, constants)
 
 
 def _parse_text(text: str) -> ast.expr:
-    """Parse a text; refuse it first if it is no formula or could harm the parser."""
+    """Parse an expression. Before, refuse one that could overload Python's parser."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"key formula: has {len(text)} characters, {MAX_TEXT} are allowed")
-    # ASCII only: Python takes some other letters for their ASCII look-alikes
+    # only ASCII is allowed: Python converts some other letters to similar ASCII letters
     if strange := re.search(r"[^A-Za-z0-9_+\-*/()., ]", text):
         raise FormulaError(
             f"key formula: column {strange.start() + 1}: {strange[0]!r} is not allowed; {_describe_allowed()}"
@@ -432,11 +436,11 @@ def _parse_text(text: str) -> ast.expr:
         depth += (c == "(") - (c == ")")
         if depth > MAX_NESTING:
             raise FormulaError(
-                f"key formula: column {i + 1}: nested deeper than {MAX_NESTING}, the most allowed"
+                f"key formula: column {i + 1}: is nested deeper than the {MAX_NESTING} levels allowed"
             )
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the message below is clearer than that for `1(x)`
+            warnings.simplefilter("ignore")  # Python warns of `1(x)`; the error below is clearer
             return ast.parse(text.lstrip(" "), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
         column = (getattr(error, "offset", None) or 1) + _count_indent(text)
@@ -445,9 +449,9 @@ def _parse_text(text: str) -> ast.expr:
 
 
 class _Compiler:
-    """Walk a tree: append operations to `steps` and return dimensions.
+    """Visits a syntax tree: appends operations to `steps` and returns dimensions.
 
-    In `steps`, numbers stand by name and literals by value.
+    In `steps`, a number of the formula is its name and a literal its value.
     """
 
     def __init__(self, text: str, units: Mapping[str, Any]):
@@ -458,7 +462,7 @@ class _Compiler:
         self.depth = 0
 
     def make_error(self, node: ast.AST, what: str) -> FormulaError:
-        """Return an error that quotes the part of the text."""
+        """Return an error that quotes the part of the expression at `node`."""
         start = getattr(node, "col_offset", 0) + _count_indent(self.text)
         end = getattr(node, "end_col_offset", len(self.text)) + _count_indent(self.text)
         part = self.text[start:end]
@@ -467,7 +471,9 @@ class _Compiler:
         )
 
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
-        """Append an operation and check the limits; powers of powers grow without end."""
+        """Append an operation that takes `takes` operands, and check the limits.
+
+        They are checked at once, since powers of powers could grow without limit."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -478,28 +484,30 @@ class _Compiler:
         if len(self.steps) > _get_limit("FORMULA_OPS"):
             raise self.make_error(
                 node,
-                f"is beyond the {_get_limit('FORMULA_OPS')} operations that are allowed "
-                "(powers count as products)",
+                f"exceeds the {_get_limit('FORMULA_OPS')} operations that are allowed "
+                "(a power counts as its products)",
             )
         if self.depth > _get_limit("FORMULA_STACK"):
             raise self.make_error(
                 node,
-                f"needs more than the {_get_limit('FORMULA_STACK')} values in hand that are allowed: "
+                f"needs more than the {_get_limit('FORMULA_STACK')} intermediate values that are allowed: "
                 "put long terms first",
             )
         if len(memories) > _get_limit("FORMULA_MEMORIES"):
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")
             raise self.make_error(
-                node, f"is beyond the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
+                node, f"exceeds the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
             )
         if memories.count("late") > _get_limit("FORMULA_LATE"):
-            raise self.make_error(node, f"is beyond the {_get_limit('FORMULA_LATE')} 'late' that is allowed")
+            raise self.make_error(node, f"exceeds the {_get_limit('FORMULA_LATE')} 'late' that is allowed")
 
     def visit(self, node: ast.expr, level: int) -> Any:
-        """Append the operations of a part of the text, and return its dimension."""
+        """Append the operations of a part of the expression, and return its dimension.
+
+        `level`: depth of nesting."""
         if level > MAX_NESTING:
             raise self.make_error(
-                node, f"is nested deeper than {MAX_NESTING}, the most allowed; a sum of n terms counts as n"
+                node, f"is nested deeper than the {MAX_NESTING} levels allowed; a sum of n terms has n levels"
             )
         if isinstance(node, ast.Constant):
             return self.visit_literal(node)
@@ -523,12 +531,12 @@ class _Compiler:
             takes = self.table[name].takes
             if node.keywords or len(node.args) != takes:
                 operands = ", ".join("xyz"[:takes])
-                raise self.make_error(node, f"is not {name}({operands}): {self.table[name].text}")
+                raise self.make_error(node, f"is not of the form {name}({operands}): {self.table[name].text}")
             return self.visit_operation(node, name, node.args, level)
         raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
 
     def visit_literal(self, node: ast.Constant) -> Any:
-        """Append a literal, and return its dimension: 1."""
+        """Append a literal, and return its dimension, 1."""
         if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
             raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
         try:
@@ -557,10 +565,10 @@ class _Compiler:
         )
 
     def visit_power(self, node: ast.BinOp, level: int) -> Any:
-        """Append a whole power as products, and return its dimension."""
+        """Append a power with an integer exponent as products; return its dimension."""
         times = node.right.value if isinstance(node.right, ast.Constant) else None
         if type(times) is not int or not 1 <= times <= MAX_POWER:
-            raise self.make_error(node.right, f"is not a whole power; allowed: 1 .. {MAX_POWER}")
+            raise self.make_error(node.right, f"is not an integer exponent; allowed: 1 .. {MAX_POWER}")
         unit = result = self.visit(node.left, level + 1)
         for _ in range(times - 1):
             self.visit(node.left, level + 1)
@@ -587,7 +595,7 @@ class _Compiler:
             own = {"x": first, "x/s": first / _parse_dimension("s")}
             rest = [own[u] if u in own else _parse_dimension(u) for u in OPERANDS[op]]
             self.check_units(node, operands, units, [first, *rest])
-        else:  # the rule is a unit, of the result and of the operands: soft
+        else:  # the rule is the unit of the operands and of the result, e.g. 1 for soft
             self.check_units(node, operands, units, [_parse_dimension(rule)] * len(units))
             return _parse_dimension(rule)
         return first
@@ -595,23 +603,25 @@ class _Compiler:
     def check_units(
         self, node: ast.AST, operands: list[ast.expr], units: list[Any], needed: list[Any]
     ) -> None:
-        """Refuse operands whose units are not the needed ones."""
+        """Raise an error if units of operands differ from the needed ones."""
         for operand, unit, need in zip(operands, units, needed, strict=True):
             if unit != need:
                 part = ast.get_source_segment(self.text.lstrip(" "), operand)
                 has, needs = _format_unit(unit), _format_unit(need)
-                fit = f"does not fit: '{part}' has the unit {has}, needed is {needs}"
+                fit = f"does not fit: '{part}' has the unit {has}, but {needs} is needed"
                 raise self.make_error(node, fit + _advise_literal(*operands))
 
 
-# ---- units
+# ---- Units
 
 
 @functools.lru_cache(maxsize=1024)
 def _parse_dimension(unit: str) -> Any:
-    """Return the dimension of a unit as the tables write it: `rad s2/m` is rad*s**2/m.
+    """Return the dimension of a unit in the notation of the tables: `rad s2/m` is
+    rad*s**2/m.
 
-    rad counts as 1. Numbers are used without conversion, so 0.1 deg would be 0.1 rad.
+    rad counts as 1. Since numbers are used without conversion, only coherent SI units are
+    allowed: 0.1 deg would be used as 0.1 rad.
 
     Raises
     ------
@@ -619,17 +629,17 @@ def _parse_dimension(unit: str) -> Any:
         The unit is unknown, or is not a coherent SI unit.
     """
     if len(unit) > MAX_UNIT or not UNIT.fullmatch(unit):
-        raise FormulaError(f"{unit[:MAX_UNIT]!r} is not a unit; {UNIT_STYLE}; after each / stands one name")
+        raise FormulaError(f"{unit[:MAX_UNIT]!r} is not a unit; {UNIT_STYLE}; one name follows each /")
     expression = re.sub(r"(?<=[A-Za-z])(?=[1-9])", "**", unit or "1").replace(" ", "*")
     try:
         quantity = (1.0 * load_units().parse_expression(expression)) * load_units().dimensionless
         base = quantity.to_base_units()
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
-        raise FormulaError(f"{unit!r} is not a unit that is known; {UNIT_STYLE}") from None
+        raise FormulaError(f"{unit!r} is not a known unit; {UNIT_STYLE}") from None
     if not math.isclose(base.magnitude, 1.0):
         same = _format_unit(base.dimensionality) if base.dimensionality else "rad or 1"
         raise FormulaError(
-            f"{unit!r} is {base.magnitude:.6g} of the unit that the model counts in; "
+            f"{unit!r} is {base.magnitude:.6g} times the SI unit that the model uses; "
             f"write the number in {same}"
         )
     return base.dimensionality
@@ -644,11 +654,11 @@ def _format_unit(dimension: Any) -> str:
     return "/".join([" ".join(top) or "1", *below])
 
 
-# ---- checks of the parts, and the tables
+# ---- Lists of what is allowed, and checks of the parts of a formula
 
 
 def _list_letters() -> list[str]:
-    """Return the letters of the slots."""
+    """Return the letters of the slots for numbers: a, b, ..."""
     return [op.name for op in library().formula_ops.values() if op.kind == "NUMBER"]
 
 
@@ -658,7 +668,7 @@ def _list_signals() -> list[str]:
 
 
 def _list_functions() -> list[str]:
-    """Return the operations that a text calls by name."""
+    """Return the operations that an expression calls by name: lag(x, y), ..."""
     return [
         op.name
         for op in library().formula_ops.values()
@@ -667,7 +677,7 @@ def _list_functions() -> list[str]:
 
 
 def _describe_allowed() -> str:
-    """Return the allowed contents of a formula, for messages."""
+    """Return what an expression may contain, for messages."""
     return (
         f"allowed: + - * /, -x, x**1 .. x**{MAX_POWER}, ( ), numbers, names of [numbers], "
         f"signals ({', '.join(_list_signals())}), operations ({', '.join(_list_functions())})"
@@ -675,7 +685,7 @@ def _describe_allowed() -> str:
 
 
 def _advise_literal(*parts: ast.expr) -> str:
-    """Return advice for a part without names; empty: there is none."""
+    """Return advice on a wrong unit if a part contains only literals, otherwise ""."""
     if all(any(isinstance(node, ast.Name) for node in ast.walk(part)) for part in parts):
         return ""
     return "; a literal has no unit: make it a number of the file, [numbers.<name>], that has one"
@@ -687,13 +697,13 @@ def _count_indent(text: str) -> int:
 
 
 def _suggest(name: str, known: Iterable[str]) -> str:
-    """Return a similar known name as a question; otherwise list all of them."""
+    """Return a similar known name as a question; without one, the list of all names."""
     known = list(known)
     return suggest_names(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
 
 
 def _check_range(what: str, setting: str, value: float) -> None:
-    """Refuse a value outside the range of its setting."""
+    """Raise an error if a value is outside the range of its setting."""
     f = library().field(CONFIG, setting)
     if not math.isfinite(value) or not f.low <= value <= f.high:
         raise FormulaError(
@@ -702,36 +712,38 @@ def _check_range(what: str, setting: str, value: float) -> None:
 
 
 def _check_numbers(numbers: tuple[Number, ...]) -> None:
-    """Refuse numbers with a wrong, taken or repeated name, or a wrong sd."""
+    """Raise an error if a number has a wrong, reserved or repeated name or a wrong sd."""
     table = library().formula_ops
     for n in numbers:
         key = f"key numbers.{n.name}"
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", n.name) or keyword.iskeyword(n.name):
             raise FormulaError(
-                f"{key}: is not a name; allowed: a letter, then letters, digits and _, and no word of Python"
+                f"{key}: is not a name; allowed: a letter, then letters, digits and _; no keyword of Python"
             )
-        if n.name in table:  # includes a .. h: the name must not read like another slot
+        if n.name in table:  # includes a .. h, the names of slots
             text = table[n.name].text
             raise FormulaError(
                 f"{key}: the name is taken ({table[n.name].kind.lower()}: {text}); "
-                f"allowed: any that is not in {', '.join(table)}"
+                f"allowed: any name except {', '.join(table)}"
             )
         if [m.name for m in numbers].count(n.name) > 1:
-            raise FormulaError(f"{key}: is there twice")
+            raise FormulaError(f"{key}: appears twice")
         if n.sd is not None and not 0 <= n.sd < math.inf:
             raise FormulaError(f"{key}.sd: {n.sd!r} is not an uncertainty; allowed: 0 or more")
 
 
 def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], prefix: str) -> None:
-    """Refuse unknown keys."""
+    """Raise an error if there is an unknown key."""
     for key in data:
         if key not in known:
             raise FormulaError(f"key {prefix}{key} is not known{_suggest(key, known)}")
 
 
 def _read_entry(data: Mapping[str, Any], key: str, kind: type, prefix: str, default: Any = None) -> Any:
-    """Return a value of a file as this kind; a whole number may stand for a float."""
-    kinds = {str: "a text", float: "a number", dict: "a table"}
+    """Return a value of a file; raise an error if it is missing or of a different kind.
+
+    An integer is converted if a float is needed. `default`: None if the key is needed."""
+    kinds = {str: "a string", float: "a number", dict: "a table"}
     value = data.get(key, default)
     if value is None:
         raise FormulaError(f"key {prefix}{key} is missing; allowed: {kinds[kind]}")
@@ -759,18 +771,20 @@ def _read_number(name: str, table: Any) -> Number:
 
 
 def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
-    """Convert a fact to plain Python types, without numpy."""
+    """Convert a value of `found` from numpy to plain Python types."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, (list, tuple)) and level < 4:
         return [_convert_fact(v, what, level + 1) for v in value]
     if not isinstance(value, (str, bool, int, float)):
-        raise FormulaError(f"{what}: {value!r:.40} cannot be kept; allowed: texts, numbers, lists of them")
+        raise FormulaError(
+            f"{what}: {value!r:.40} cannot be stored; allowed: strings, numbers, lists of them"
+        )
     return value
 
 
 def _format_value(value: Any) -> str:
-    """Format a value in TOML."""
+    """Return a value in the notation of TOML."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
@@ -779,16 +793,16 @@ def _format_value(value: Any) -> str:
 
 
 def _escape_comment(text: str) -> str:
-    """Make a text safe inside a C comment: one line, without the ends of a comment."""
+    """Return a string that is safe in a C comment: one line without /* and */."""
     line = "".join(c if c.isprintable() and c != "\\" else " " for c in text).replace("??", "? ?")
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", line)
 
 
-# ---- from program to values: operations on arrays, one value a row
+# ---- From program to values: operations on arrays with a value for each row
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Divide; the result is 0 where the divisor is 0."""
+    """Return x / y, and 0 where y is 0."""
     return np.divide(x, y, out=np.zeros(len(x)), where=y != 0)
 
 
@@ -809,15 +823,18 @@ PLAIN_FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float]]:
-    """Convert the arrays to lists for a function: its loop is several times faster."""
+    """Return the function with its arrays converted to lists.
+
+    A loop over lists is several times faster than one over arrays."""
     return functools.wraps(function)(lambda *arrays: function(*(a.tolist() for a in arrays)))
 
 
 @_use_lists
 def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]:
-    """Apply a first-order lag by the trapezoidal rule.
+    """Apply a first-order lag with the time constants `time`, by the trapezoidal rule.
 
-    A lag faster than the rows becomes the mean of two rows.
+    A time constant below half a step is limited to it: the result is then the mean of two
+    rows.
     """
     y = [x[0]]
     for i in range(1, len(x)):
@@ -831,7 +848,7 @@ def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]
 def _apply_second(
     h: list[float], a: list[float], frequency: list[float], damping: list[float]
 ) -> list[float]:
-    """Apply a second-order lag as mode_step() of src/model/laws.h."""
+    """Apply a second-order lag, in the same way as mode_step() of src/model/laws.h."""
     x, v = a[0], 0.0
     y = [x]
     for i in range(1, len(a)):
@@ -846,14 +863,14 @@ def _apply_second(
 
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Delay a signal; before the start it has its first value."""
+    """Delay a signal. Before the first row, it has its first value."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 
 
 @_use_lists
 def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float]:
-    """Apply play: the output rests until the input moves it."""
+    """Apply play: the output is constant until the input differs from it by `half`."""
     y = [x[0]]
     for i in range(1, len(x)):
         y.append(min(max(y[-1], x[i] - abs(half[i])), x[i] + abs(half[i])))
@@ -862,7 +879,7 @@ def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float
 
 @_use_lists
 def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[float]:
-    """Limit the rate of a signal."""
+    """Limit the rate of change of a signal to `limit` per second."""
     y = [x[0]]
     for i in range(1, len(x)):
         step = abs(limit[i]) * h[i]
@@ -872,7 +889,7 @@ def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[floa
 
 @_use_lists
 def _differentiate(h: list[float], x: list[float]) -> list[float]:
-    """Return the rate of a signal; it is held where the time step is 0."""
+    """Return the rate of change of a signal. Where the time step is 0, it is held."""
     y = [0.0]
     for i in range(1, len(x)):
         y.append((x[i] - x[i - 1]) / h[i] if h[i] > 0 else y[-1])

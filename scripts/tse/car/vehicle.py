@@ -1,4 +1,4 @@
-"""Read a vehicle file, check it, and fill in what it leaves out by rules."""
+"""Read and check a vehicle file; set missing values by rules."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ from tse.library.files import read_toml
 from tse.log.noise import compute_misfit, estimate_noise
 from tse.log.rows import MEASURES, CheckedLog
 
-GRAVITY = 9.81  # m/s2, as in the library
+GRAVITY = 9.81  # [m/s2] the same value as in the library
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
-WHEELBASE_TOLERANCE = 0.01  # m
-# kg/m2, mass over wheelbase squared: small cars 100, vans 380; pounds in place of kg give
-# 2.2 times as much
+WHEELBASE_TOLERANCE = 0.01  # [m] max difference of wheelbase and lf + lr
+# [kg/m2] plausible range of the mass over wheelbase squared. Small cars have 100, vans
+# 380. A mass in pounds instead of kg increases it by the factor 2.2.
 MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
-CALIBRATED_FACTS = ("mass", "lf", "lr")  # a calibration takes them from the file
-MAX_REAR_RATIO = 1.05  # lf over lr of cars with front-wheel drive
+# keys that a calibration assumes to be known: if they change, it is no longer valid
+CALIBRATED_FACTS = ("mass", "lf", "lr")
+MAX_REAR_RATIO = 1.05  # [1] max lf over lr of cars with front-wheel drive
+# keys that are not settings
 DESCRIPTIVE = (
     "name",
     "wheelbase",
@@ -40,15 +42,18 @@ DESCRIPTIVE = (
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
-MIN_TABLE_LIKENESS = 0.75  # ratio of difflib: a table so similar to one of VEHICLE_TABLES is misspelt
-MAX_UNKNOWN_KEYS = 3  # keys that one message lists
-HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
+# min similarity (ratio of difflib) of an unknown table to one of VEHICLE_TABLES for which
+# it is refused as misspelt
+MIN_TABLE_LIKENESS = 0.75
+MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
+HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")  # keys that are not used
 
-# Lower limits of the prior by a calibration: tyres and steering differ from the model.
+# Lower limits of the prior that a calibration provides, since tyres and steering differ
+# from the model: [1] sd of the grip, 1/friction, and model_sd.
 MIN_GRIP_SD, MIN_INVERSE_FRICTION = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
-# The filter finds the noise of these sensors while driving; a calibration gives that of
-# its residuals.
+# Settings that a calibrated vehicle file states from the residuals of the calibration.
+# The filter does not use them: it estimates the noise of these sensors while driving.
 FOUND_SENSORS = (
     "accel_x_sd",
     "accel_y_sd",
@@ -58,26 +63,27 @@ FOUND_SENSORS = (
     "yaw_rate_bias_walk",
     "wheel_noise_sd",
 )
-DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
+DRIVEN = {"both": 0, "front": 1, "rear": 2}  # values of the setting driven_axle
 
 
 @dataclass
 class Vehicle:
-    """Contents of a vehicle file, and the values that rules filled in."""
+    """Contents of a vehicle file, and missing values that rules have set."""
 
     path: Path | None
     name: str
-    values: dict[str, float]  # settings
-    facts: dict[str, Any]  # other keys of the file
-    filled: list[str] = field(default_factory=list)  # values by rule, as lines
-    found: list[str] = field(default_factory=list)  # calibration on the log itself, as lines
-    given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty]
+    values: dict[str, float]  # settings by name
+    facts: dict[str, Any]  # other keys of the file: DESCRIPTIVE, HINT_ONLY
+    filled: list[str] = field(default_factory=list)  # lines on values that rules have set
+    found: list[str] = field(default_factory=list)  # lines on a calibration on the log itself
+    given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)  # notes on errors that scale every stiffness
-    formula: Formula | None = None  # of the file that [formula] names
+    formula: Formula | None = None  # formula in the file that [formula] names
     formula_path: Path | None = None
-    # result of an earlier `tselab calibrate`: names, mean, covariance; own: on the log
-    # that is estimated
+    # table [calibration], written by an earlier `tselab calibrate`: names, mean,
+    # covariance, of, and own (True: calibrated on the log that is estimated); {}: not
+    # calibrated
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -94,7 +100,7 @@ class Vehicle:
 
 @functools.cache
 def get_unknown_car() -> dict[str, float]:
-    """Return the settings of src/tables/uncertainty.toml of an uncalibrated car."""
+    """Return the settings of [uncertainty] for an uncalibrated car."""
     return {
         name: value
         for name, value in _compute_class_values(1900.0, 1.25, 1.5).items()
@@ -104,7 +110,9 @@ def get_unknown_car() -> dict[str, float]:
 
 @functools.cache
 def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
-    """Return the settings in which an ordinary car differs from an exactly known one."""
+    """Return settings of an ordinary car with this mass and axles.
+
+    Only settings that differ from those of an exactly known car are returned."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -113,12 +121,14 @@ def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]
 
 
 def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
-    """Return the settings of the car's filter that differ from the defaults.
+    """Return the settings of the car, as the default filter uses them.
 
-    Uncalibrated: an ordinary car of its class (src/tables/uncalibrated.toml), as in C and
-    FMU. Calibrated: the posterior of the calibration is the prior. [uncertainty] all 0:
-    the car is known exactly, and nothing is added. The vehicle file overrides all of
-    them.
+    If the car is not calibrated, settings that the vehicle file leaves out are those of
+    an ordinary car of its class (src/tables/uncalibrated.toml), as in C and the FMU. If
+    it is calibrated, the posterior of the calibration is the prior of the filter. If
+    [uncertainty] is 0 throughout, the car is known exactly. Settings of the vehicle file
+    take precedence, except those that the calibration determines and FOUND_SENSORS of a
+    calibrated car.
     """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -152,15 +162,15 @@ def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
 
 
 def get_ordinary_car(config: Config) -> dict[str, float]:
-    """Return the settings of an ordinary car of this mass and these axles."""
+    """Return settings of an ordinary car with the mass and axles of `config`."""
     return _compute_class_values(float(config.mass), float(config.lf), float(config.lr))
 
 
 def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
     """Return grip and shape of the tyre curve.
 
-    They are those of a fit with 1/friction = `inverse`, or those of the class if it is 0,
-    for a fit without this effect.
+    `inverse`: fitted 1/friction, `shape`: fitted shape. If `inverse` is 0, the effect was
+    not fitted, and the values of the class are returned.
     """
     if not inverse:
         return ordinary["grip"], ordinary[SHAPE]
@@ -168,7 +178,7 @@ def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) ->
 
 
 def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
-    """Return each stiffness of a calibrated file with its 95 % interval, N/rad and N."""
+    """Return each stiffness of a calibrated file with its 95 % interval, N/rad or N."""
     c, found = vehicle.calibration, {}
     for key in NOMINAL if c else ():
         value = float(vehicle.values[NOMINAL[key]])
@@ -179,7 +189,8 @@ def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, floa
 
 def describe_stiffness(vehicle: Vehicle) -> str:
     """Return the stiffness of a calibrated file with its intervals, as one line."""
-    rear = vehicle.driven_axle == "rear"  # the driven axle shows the longitudinal stiffness
+    # longitudinal stiffness is observable at the driven axle
+    rear = vehicle.driven_axle == "rear"
     along = "rear longitudinal" if rear else "front longitudinal"
     units = {
         "cy_front": ("front cornering", "kN/rad"),
@@ -213,7 +224,7 @@ def list_sensor_settings() -> list[str]:
 
 
 def list_latency_settings() -> dict[str, str]:
-    """Return the settings of [latency] by channel, its keys: src/tables/sensors.toml."""
+    """Return the keys of [latency], which are channels, each with its setting."""
     return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
@@ -223,20 +234,20 @@ def list_formula_settings() -> list[str]:
 
 
 def make_default_vehicle() -> Vehicle:
-    """Return the car of the library's defaults."""
+    """Return the car whose settings are the library's defaults."""
     return Vehicle(None, "the built-in car", {}, {"driven_axle": "front"})
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read a vehicle file, check it, and fill in missing stiffness by rule.
+    """Read and check a vehicle file; set missing stiffnesses by rule.
 
-    An unknown table becomes a note: it may belong to another program.
+    An unknown table only causes a note, since it may belong to a different program.
 
     Raises
     ------
     UserError
-        The file cannot be read, or a key is refused. An unknown key is refused, too: if a
-        misspelt one were ignored, a rule would fill in the value of another car.
+        The file cannot be read, or a key is invalid or unknown. Unknown keys are errors,
+        since a rule would otherwise replace the value of a misspelt key.
     """
     path = Path(path)
     return make_vehicle(read_toml(path), path)
@@ -248,9 +259,9 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     Parameters
     ----------
     data
-        Contents as dictionaries; its tables are removed.
+        Contents as dictionaries. The function removes the tables from it.
     path
-        File, for messages.
+        Name of the file in messages; its folder contains the file of the formula.
 
     Raises
     ------
@@ -279,7 +290,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     vehicle = Vehicle(path, name, values, facts, formula=formula, formula_path=formula_path)
     vehicle.calibration = calibration
     if others:
-        vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
+        vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is unknown and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
     vehicle.given_uncertainty = [key for key in list_uncertainty_settings() if key in uncertainty]
@@ -288,8 +299,8 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     vehicle.notes += [*vehicle.wrong, *_list_changed_facts(path, vehicle)]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
-            f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name "
-            "them cornering_stiffness_*"
+            f"{path.name}: author_stiffness_* are guesses and not used; to start from them, rename them to "
+            "cornering_stiffness_*"
         )
     return vehicle
 
@@ -301,12 +312,15 @@ def _read_tables(
     values: dict[str, float],
     unknown: list[str],
 ) -> tuple[dict[str, Any], list[str]]:
-    """Read the settings of the tables into `values`, and errors of keys into `unknown`.
+    """Add the settings of the tables to `values`, and messages on wrong keys to
+    `unknown`.
+
+    `check`: settings in which each value is set, to check its range.
 
     Returns
     -------
     facts
-        Descriptive keys.
+        Keys that are not settings: DESCRIPTIVE, HINT_ONLY.
     others
         Names of unknown tables.
     """
@@ -323,7 +337,7 @@ def _read_tables(
         for key, value in table.items():
             if key in settings[name]:
                 setting = settings[name][key]
-                _set(check, setting, value, f"{path}: key {prefix}{key}")
+                _set_value(check, setting, value, f"{path}: key {prefix}{key}")
                 values[setting] = float(value)
             elif not name and key in DESCRIPTIVE + HINT_ONLY:
                 facts[key] = value
@@ -345,24 +359,26 @@ def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]
         key in values and values[key] != getattr(exact, key) for key in list_vehicle_settings()
     ):
         found.append(
-            f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are "
-            "of the sensors alone; of a real car leave the table out, or calibrate it"
+            f"{path.name}: [uncertainty] is 0 throughout: the car is assumed to be known exactly, and "
+            "intervals include only the noise of the sensors; for a real car, leave the table out, or "
+            "calibrate the car"
         )
     names, means = vehicle.calibration.get("names", []), vehicle.calibration.get("mean", [])
     mean = dict(zip(names, means, strict=True)).get(FRICTION)
     if mean is not None and FRICTION in values and abs(values[FRICTION] - mean) > 1e-3 * abs(mean):
         found.append(
-            f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: "
-            f"the filter's grip is that of [calibration], 1/{mean:.3g}; "
-            f"--set grip={1 / max(values[FRICTION], MIN_INVERSE_FRICTION):.3g} states it"
+            f"{path.name}: effects.tyre_saturation.inverse_friction = {values[FRICTION]:.3g} is not used: "
+            f"the filter uses the grip in [calibration], 1/{mean:.3g}; to override it: "
+            f"--set grip={1 / max(values[FRICTION], MIN_INVERSE_FRICTION):.3g}"
         )
     return found
 
 
 def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return messages on implausible mass and axles, which logs cannot show.
+    """Return messages on implausible mass and axles.
 
-    Stiffness is proportional to the mass, and depends on the centre of gravity.
+    A log does not reveal such errors, but the estimated stiffness is proportional to the
+    mass and depends on the position of the centre of gravity.
     """
     mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
     found = []
@@ -374,15 +390,15 @@ def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
         )
     if vehicle.driven_axle == "front" and lf > MAX_REAR_RATIO * lr:
         found.append(
-            f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and "
-            "driven_axle is front: are lf and lr exchanged, or is lf the wheelbase? Both cornering "
-            "stiffnesses are wrong then"
+            f"{path.name}: with lf = {lf:g} m and lr = {lr:g} m the car is heavier at the rear, but "
+            "driven_axle is front: are lf and lr exchanged, or is lf the wheelbase? Then both cornering "
+            "stiffnesses are wrong"
         )
     return found
 
 
 def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return messages on facts that changed after the calibration."""
+    """Return messages on CALIBRATED_FACTS that changed after the calibration."""
     found = []
     of = vehicle.calibration.get("of", {})
     for key, value in of.items() if isinstance(of, dict) else ():
@@ -391,7 +407,7 @@ def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
         if abs(vehicle.values[key] - value) > 1e-3 * abs(value):
             found.append(
                 f"{path.name}: {key} = {vehicle.values[key]:g} was {value:g} when the file was calibrated, "
-                "and what was found is of that car: calibrate anew"
+                "so the calibration is not valid for it: calibrate again"
             )
     return found
 
@@ -404,9 +420,11 @@ def _is_table(value: Any) -> bool:
 
 
 def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
-    """Return what an unknown key may mean. `known`: keys of each table; "" is the top."""
+    """Return a hint at what an unknown key may mean, as the end of a message.
+
+    `table`: table of the key, "" for the top of the file. `known`: keys of each table."""
     if (table, key) == ("latency", "yaw_rate"):
-        return ": it is the clock, behind which the others are late"
+        return ": it is the reference; latencies of the other channels are relative to it"
     known = {name: [*keys] if name else [*keys, *DESCRIPTIVE] for name, keys in known.items()}
     where = {name: f"[{name}]" if name else "at the top, before the first [table]" for name in known}
     if there := [where[name] for name, keys in known.items() if key in keys]:
@@ -418,12 +436,12 @@ def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str
     elsewhere = {k: where[name] for name, keys in known.items() for k in keys}
     if near := get_close_matches(key, elsewhere, 1):
         return f" (did you mean {near[0]}, {elsewhere[near[0]]}?)"
-    own = "" if table else ", and facts of your own go into a table, for instance [notes]"
-    return f"; 'tselab vehicle --example' shows what is{own}"
+    own = "" if table else "; put keys of your own into a table, for instance [notes]"
+    return f"; 'tselab vehicle --example' lists known keys{own}"
 
 
 def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return a table of the file and remove it; empty if it is missing."""
+    """Remove a table from `data` and return it; {}: it is missing."""
     table = data.pop(name, {})
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} must be a table: [{name}]")
@@ -431,19 +449,22 @@ def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _find_formula(path: Path, table: dict[str, Any]) -> Path | None:
-    """Return the file that [formula] names, beside the vehicle file; None: no table."""
+    """Return the path of the file that [formula] names; None: there is no such table.
+
+    It must be in the folder of the vehicle file."""
     if not table:
         return None
     name = table.get("file")
     if set(table) != {"file"} or not isinstance(name, str) or Path(name).name != name:
         raise UserError(
-            f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else"
+            f"{path}: [formula] needs exactly one key, file: the name of a formula file in the same folder"
         )
     return path.parent / name
 
 
 def format_formula_table(formula: Formula, file: Path) -> str:
-    """Return the table [formula] of a vehicle file. `file`: the formula beside it."""
+    """Return the table [formula] of a vehicle file. `file`: formula in the same
+    folder."""
     name = json.dumps(file.name, ensure_ascii=False)
     return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {name}\n"
 
@@ -460,11 +481,11 @@ def format_calibration_table(
     Parameters
     ----------
     names, mean, covariance
-        Unknowns of the fit.
+        Posterior of the unknowns of the fit.
     own
-        Calibrated on the logs that are estimated.
+        True: the car was calibrated on the logs that are estimated.
     of
-        Settings of the car.
+        Settings of the car. CALIBRATED_FACTS are written.
     """
     lines = ["[calibration]"]
     if of:
@@ -476,12 +497,12 @@ def format_calibration_table(
 
 
 def _format_numbers(values: np.ndarray) -> str:
-    """Format to nine digits: further ones depend on the order of summation."""
+    """Format numbers with nine digits: more would depend on the order of summation."""
     return json.dumps([float(f"{x:.9g}") for x in values])
 
 
 def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
-    """Read the table [calibration], which tselab wrote; {}: it is missing."""
+    """Check and return the table [calibration], which tselab wrote; {}: it is missing."""
     if not table:
         return {}
     try:
@@ -498,12 +519,12 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # checked as correlation, where rounding is relative to 1
+    # check the correlations: their rounding errors are relative to 1
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
         raise UserError(
-            f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and "
+            f"{path}: [calibration]: covariance is not a covariance matrix: it must be finite, symmetric and "
             "positive definite"
         )
     own = table.get("own") is True
@@ -512,7 +533,7 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:
-    """Read the tables [effects.<id>] into `values`; return messages on unknown keys."""
+    """Add the settings in [effects.<id>] to `values`; return messages on unknown keys."""
     unknown: list[str] = []
     if not isinstance(effects, dict):
         raise UserError(f"{path}: effects must be tables: [effects.body_roll]")
@@ -531,19 +552,20 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
                 hint = suggest_names(key, settings, 1, f" (allowed: {', '.join(settings)})")
                 unknown.append(f"key effects.{effect}.{key} is not known{hint}")
                 continue
-            _set(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
+            _set_value(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
             values[settings[key]] = float(value)
     return unknown
 
 
 def is_set(config: Config, effect: EffectRow) -> bool:
-    """Return whether an effect differs from its default: exact kinematics on, others
-    off."""
+    """Return whether an effect differs from its default.
+
+    By default, exact kinematics are on and all other effects off."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
 
-def _set(config: Config, key: str, value: Any, source: str) -> None:
-    """Set and check one setting. UserError: no number, or outside its range."""
+def _set_value(config: Config, key: str, value: Any, source: str) -> None:
+    """Check and set a setting. UserError: it is not a number, or outside its range."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UserError(f"{source}: {value!r} is not a number; allowed: {config.fields[key].range_text}")
     try:
@@ -551,14 +573,15 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
     except SettingError as error:
         raise UserError(f"{source}: {error}") from None
     f = config.fields[key]
-    if not f.low <= value <= f.high:  # 0 means "not set", which a file expresses by omission
+    # Config also accepts 0 for "not set". A file must leave the key out instead
+    if not f.low <= value <= f.high:
         raise UserError(
-            f"{source}: {key} = {value:g} is outside its range {f.range_text}; leave out what is not known"
+            f"{source}: {key} = {value:g} is outside its range {f.range_text}; if it is unknown, leave it out"
         )
 
 
 def _check_facts(path: Path, vehicle: Vehicle) -> None:
-    """Check descriptive keys, and the wheelbase against lf + lr."""
+    """Check the keys that are not settings, and that the wheelbase equals lf + lr."""
     for key in ("wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height"):
         value = vehicle.facts.get(key)
         if value is not None and (
@@ -577,7 +600,7 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
 
 
 def _fill_vehicle(vehicle: Vehicle) -> None:
-    """Fill in missing yaw inertia, stiffness and uncertainties by those of the class."""
+    """Set missing yaw inertia, stiffnesses and uncertainties to those of the class."""
     v = vehicle.values
     ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     fields = Config().fields
@@ -591,18 +614,19 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 
 
 def _fill_uncertainty(vehicle: Vehicle) -> None:
-    """Fill in missing uncertainties by those of an uncalibrated car, in one line."""
+    """Set missing uncertainties to those of an uncalibrated car; one line states them."""
     fields = Config().fields
     missing = {key: sd for key, sd in get_unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
     if missing:
         units = {key: "" if fields[key].unit == "1" else f" {fields[key].unit}" for key in missing}
         text = ", ".join(f"{key} = {sd:g}{units[key]}" for key, sd in missing.items())
-        vehicle.filled.append(f"[uncertainty] {text} (rule: a car that nobody has calibrated; 0 is exact)")
+        vehicle.filled.append(f"[uncertainty] {text} (rule: an uncalibrated car; 0 means exact)")
 
 
 def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Fill in missing noise and bias of the sensors from the log (rules: noise.py)."""
+    """Set missing noise and bias of the sensors from the log, by the rules of
+    noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
     config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
@@ -617,37 +641,39 @@ def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
         if key in v:
             continue
         if log.data[channel].isna().all():
-            continue  # the channel is not in the log
+            continue
         noise, misfit = estimate_noise(log, channel, moving), misfits.get(channel)
         if noise is None:
-            vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short to tell)")
+            vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short)")
             continue
         sd, text = noise.sd, noise.text
         if misfit is not None and misfit.sd > sd:
-            sd, text = misfit.sd, f"residual of the kinematics {misfit.sd:.3g}; sensor alone {noise.sd:.3g}"
-        _fill(vehicle, config, key, sd, f"from the log: {text}")
-        bias, why = ordinary[f"{channel}_bias_sd"], "rule: a sensor nobody has described"
+            sd = misfit.sd
+            text = f"residual of the kinematics {sd:.3g}; noise of the sensor {noise.sd:.3g}"
+        _fill_setting(vehicle, config, key, sd, f"from the log: {text}")
+        bias, why = ordinary[f"{channel}_bias_sd"], "rule: a sensor without stated bias"
         if misfit is not None and misfit.bias > bias:
             bias, why = misfit.bias, "from the log: slow residual of the kinematics"
-        _fill(vehicle, config, f"{channel}_bias_sd", bias, why)
+        _fill_setting(vehicle, config, f"{channel}_bias_sd", bias, why)
         if misfit is not None:
             walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
             why = "from the log: change of the slow residual over 1 s"
-            _fill(vehicle, config, f"{channel}_bias_walk", walk, why)
+            _fill_setting(vehicle, config, f"{channel}_bias_walk", walk, why)
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving: np.ndarray) -> None:
-    """Fill in the noise of the wheel speeds by that of the noisier axle."""
+    """Set the noise of the wheel speeds to that of the noisier axle, if it is missing."""
     found = {a: estimate_noise(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
         axle = max(found, key=lambda a: found[a].sd)
         noise = found[axle]
-        _fill(vehicle, config, "wheel_noise_sd", noise.sd, f"from the log, {axle} axle: {noise.text}")
+        _fill_setting(vehicle, config, "wheel_noise_sd", noise.sd, f"from the log, {axle} axle: {noise.text}")
 
 
 def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Reduce stated noise of one sample to that of a mean, if the log has means."""
+    """Reduce stated sensor noise by averaging, if rows of the log are means of
+    samples."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
         if log.averaged < 2 or key not in vehicle.values:
@@ -656,13 +682,13 @@ def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
         said = vehicle.values[f.name]
         vehicle.values[f.name] = float(np.clip(said / np.sqrt(log.averaged), f.low, f.high))
         vehicle.notes.append(
-            f"{f.name}: {said:g} {f.unit} of one sample is {vehicle.values[f.name]:.3g} of a mean of "
-            f"{log.averaged}"
+            f"{f.name}: {said:g} {f.unit} for one sample is {vehicle.values[f.name]:.3g} {f.unit} for a mean "
+            f"of {log.averaged}"
         )
 
 
-def _fill(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:
-    """Fill in one sensor setting if the file leaves it out."""
+def _fill_setting(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:
+    """Set a sensor setting if the file leaves it out. `why`: reason for the value."""
     if key not in vehicle.values:
         f = config.fields[key]
         vehicle.values[key] = float(np.clip(value, f.low, f.high))

@@ -310,9 +310,9 @@ def _make_times(
 ) -> np.ndarray:
     """Return the times of the rows, s.
 
-    The rows cover the time in which all inputs of the model are present; if there is none,
-    the time of any channel. They are in phase with the gyro, or otherwise with a different
-    channel of the same rate."""
+    The rows cover the time in which all inputs of the model are present, or if
+    there is none, the time of any channel. They are in phase with the gyro, or otherwise
+    with a different channel of the same rate."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
