@@ -149,17 +149,17 @@ def test_what_is_written_is_read_again(tmp_path):
             "10,two",
             "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad, or empty",
         ),
-        ("20,-0.03", "10,-0.03", "line 4, column distance: 10 m is not beyond the row before, 10 m"),
+        ("20,-0.03", "10,-0.03", "line 4, column distance: 10 m is not greater than 10 m in the row before"),
         ("10,0.04", ",0.04", "line 3, column distance: is empty"),
         ("distance,", "way,", "column distance is missing in the header"),
         ("bank,grade,", "lean,slope,", "column bank or grade is needed"),
-        ("x,y", "x,z", "column y is missing: x and y are needed, or neither"),
+        ("x,y", "x,z", "column y is missing: give both x and y, or neither"),
         ("x,y", "u,v", "column curvature, or x and y, or latitude and longitude are needed"),
         ("x,y", "x,x", "column x stands twice"),
         (
             "10,0.04,,0.004,,10,0\n20,-0.03,0.00,0.004,0.005,20,1\n",
             "",
-            "has 1 rows; a road needs two or more",
+            "has 1 rows; a road needs at least two",
         ),
     ],
 )
@@ -178,7 +178,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 def test_a_refused_road_leaves_the_file_as_it_was(tmp_path):
     path = write_road_file(tmp_path)
-    with pytest.raises(UserError, match="not beyond"):
+    with pytest.raises(UserError, match="not greater than"):
         write_road(replace(read_road(path), distance=np.array([0.0, 1.0, 0.5])), path)
     assert path.read_text() == TEXT
 
@@ -249,7 +249,7 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
     np.testing.assert_allclose(profile.bank, 0.02 * np.sin(at / 80), atol=0.02 * 1.5 / 80 + 1e-5)
     assert np.isnan(profile.grade).all()
     far = replace(log, extra=log.extra.assign(gnss_latitude=log.extra["gnss_latitude"] + 0.1))
-    with pytest.raises(UserError, match=r"another road.*no position is within 15 m"):
+    with pytest.raises(UserError, match=r"is not on the road.*no position is within 15 m"):
         match_log(road, far, CAR)
 
 
@@ -296,13 +296,17 @@ def test_what_is_off_the_road_is_not_on_it():
 def test_another_road_is_refused(change):
     s, bend = make_winding_road(2500.0, 17)
     other = {"another": make_winding_road(2500.0, 18)[1], "mirrored": -bend, "backwards": -bend[::-1]}[change]
-    with pytest.raises(UserError, match="drive 1: cannot be aligned with road: nowhere do its bends go with"):
+    with pytest.raises(
+        UserError, match="drive 1: cannot be aligned with road: its bends match those of the road nowhere"
+    ):
         match_log(make_plain_road(s, bend), simulate_drive(s, other)[0], CAR)
 
 
 def test_a_straight_road_says_that_it_shows_no_place():
     s = np.arange(0.0, 2000.0, 10.0)
-    with pytest.raises(UserError, match="turns by less than 1 rad, so only GNSS positions show"):
+    with pytest.raises(
+        UserError, match="turns by less than 1 rad, so places on it can only be found with GNSS"
+    ):
         match_log(make_plain_road(s, 0 * s), simulate_drive(*make_winding_road(1500.0, 19))[0], CAR)
 
 
@@ -310,7 +314,7 @@ def test_bends_that_repeat_say_that_they_show_no_place():
     """The road is a slalom: 20 m to each side and back, twenty times over 2 km."""
     s = np.arange(0.0, 2001.0)
     bend = 0.01 * np.sin(2 * np.pi * s / 100)
-    with pytest.raises(UserError, match="its bends repeat, as those of a slalom"):
+    with pytest.raises(UserError, match="its bends match several parts of the road, as in a slalom"):
         match_log(make_plain_road(s, bend), simulate_drive(s, bend, 300.0, 1800.0)[0], CAR)
 
 

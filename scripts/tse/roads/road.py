@@ -1,19 +1,19 @@
-"""Hold the profile of a road, bank and grade over distance, and read and write road.csv.
+"""Profile of a road, i.e. bank and grade over distance. Reads and writes road.csv.
 
-A row of road.csv is a place of the road. An empty cell is unknown. Columns, SI units:
+A row of road.csv is a place on the road. An empty cell means unknown. Columns:
 
 distance    m, along the road, increasing
-bank        rad, left side high > 0, -0.35 .. 0.35
-grade       rad, uphill > 0, -0.35 .. 0.35
+bank        rad, > 0 if the left side is higher, -0.35 .. 0.35
+grade       rad, > 0 uphill, -0.35 .. 0.35
 bank_sd     rad, standard deviation of bank, 0 .. 0.35
-grade_sd    rad, standard deviation of grade
-x, y        m, path in a level frame of the road, any origin; both or none
-latitude, longitude   deg, of the same path; both or none
-curvature   1/m, of the path, to the left > 0; default: that of x, y
-closed      1: a circuit, whose last row is the first one again; 0: an open road
+grade_sd    rad, standard deviation of grade, 0 .. 0.35
+x, y        m, path in a level frame with any origin; both or none
+latitude, longitude   deg, the same path; both or none
+curvature   1/m, of the path, > 0 to the left; default: that of x, y
+closed      1: a circuit, whose last row is the same place as the first; 0: an open road
 
-Required: distance, bank or grade, and a path or the curvature. `road_match.py` matches a
-log with it.
+Required: distance, bank or grade, and either a path (x and y, or latitude and longitude)
+or the curvature. road_match.py finds the places of the rows of a log on the road.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from tse.library.files import check_regular, write_atomically
 
 Array = npt.NDArray[np.float64]
 
-MAX_ROAD_BYTES = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
-MAX_ROAD_ANGLE = 0.35  # rad: range of bank_angle and grade_angle
+MAX_ROAD_BYTES = 1 << 30  # [B] max size of a road file: 10 000 km in steps of 1 m
+MAX_ROAD_ANGLE = 0.35  # [rad] max magnitude of the settings bank_angle and grade_angle
 PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
-COLUMN_RANGES = {  # unit, minimum and maximum of each column
+COLUMN_RANGES = {  # column -> unit, minimum, maximum
     "distance": ("m", -1e7, 1e7),
     "bank": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
     "grade": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
@@ -46,9 +46,13 @@ COLUMN_RANGES = {  # unit, minimum and maximum of each column
     "closed": ("1", 0.0, 1.0),
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
-EARTH_RADIUS = 6371008.8  # m, mean
-SLOPE_DISTANCE = 5.0  # m, base of the slope of a profile; shorter than the 40 m between knots
-SMOOTH_DISTANCE = 7.5  # m, sd of the window of curvatures: half the way of a turn into a bend
+EARTH_RADIUS = 6371008.8  # [m] mean radius
+# [m] distance of the two places from which the slope of a profile is computed: less than
+# the 40 m between its knots
+SLOPE_DISTANCE = 5.0
+# [m] sd of the Gaussian window that smooths curvatures: half the distance in which a car
+# turns into a bend
+SMOOTH_DISTANCE = 7.5
 
 
 @dataclass(frozen=True)
@@ -58,17 +62,18 @@ class Road:
     Parameters
     ----------
     distance
-        (n,) m, increasing; of a circuit the last is one round after the first.
+        (n,) m, increasing. In a circuit, the last place is the first one again, one round
+        later.
     bank, grade
-        (n,) rad, left side high and uphill > 0; NaN: unknown.
+        (n,) rad; bank > 0 if the left side is higher, grade > 0 uphill. NaN: unknown.
     bank_sd, grade_sd
-        (n,) rad; NaN: unknown.
+        (n,) rad, standard deviations. NaN: unknown.
     x, y
-        (n,) m, path in a level frame; None: unknown.
+        (n,) m, path in a level frame. None: unknown.
     latitude, longitude
-        (n,) deg, of that path; None: unknown.
+        (n,) deg, the same path. None: unknown.
     curvature
-        (n,) 1/m, to the left > 0; None: that of x, y, or of latitude, longitude.
+        (n,) 1/m, > 0 to the left. None: computed from x, y, or latitude, longitude.
     is_closed
         True: a circuit.
     path
@@ -77,8 +82,8 @@ class Road:
     Raises
     ------
     UserError
-        A value outside its range, a distance that does not increase, a column of another
-        length, or neither path nor curvature.
+        A value is outside its range, distances do not increase, columns differ in length,
+        or both path and curvature are missing.
     """
 
     distance: Array
@@ -119,12 +124,12 @@ class Road:
 
     @property
     def length(self) -> float:
-        """Distance from the first to the last place, m; of a circuit one round."""
+        """Distance from the first to the last place, m; one round of a circuit."""
         return float(self.distance[-1] - self.distance[0])
 
     @property
     def origin(self) -> tuple[float, float]:
-        """(latitude, longitude) of the first place, deg: origin of local coordinates."""
+        """Latitude and longitude of the first place, deg: origin of local coordinates."""
         return float(self.latitude[0]), float(self.longitude[0])
 
     def interpolate(self, name: str, distance: Array) -> Array:
@@ -135,11 +140,11 @@ class Road:
         name
             bank, grade, bank_sd, grade_sd, curvature, x or y.
         distance
-            (m,) m along the road; of a circuit in any round; NaN: not on the road.
+            (m,) m along the road, in any round of a circuit. NaN: not on the road.
 
         Returns
         -------
-        (m,) values; NaN where the place is not on the road or the value not known.
+        (m,) values. NaN: the place is not on the road, or the value is unknown.
         """
         s = np.asarray(distance, float)
         if self.is_closed:
@@ -148,8 +153,9 @@ class Road:
         return np.where(np.isfinite(s), value, np.nan)
 
     def compute_slope(self, name: str, distance: Array) -> Array:
-        """Return the slope of a column along the road, per m; parameters as in
-        interpolate()."""
+        """Return the derivative of a column with respect to distance, per m.
+
+        Parameters as in interpolate()."""
         return (
             self.interpolate(name, distance) - self.interpolate(name, distance - SLOPE_DISTANCE)
         ) / SLOPE_DISTANCE
@@ -158,15 +164,15 @@ class Road:
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,
         bank_sd: Array | None = None, grade_sd: Array | None = None,
     ) -> Road:  # fmt: skip
-        """Return this path with another profile, linear between knots.
+        """Return a road with this path and a new profile, linear between knots.
 
         Parameters
         ----------
         distance
-            (k,) m, increasing: the knots, along this road.
+            (k,) m along this road, increasing: the knots.
         bank, grade, bank_sd, grade_sd
-            (k,) rad; None: unknown. Beyond the first and last knot of an open road the
-            profile is unknown.
+            (k,) rad, values at the knots. None: unknown. The profile of an open road is
+            unknown before the first and after the last knot.
         """
         period = self.length if self.is_closed else None
         made = {}
@@ -190,10 +196,11 @@ def make_road(
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return east and north, m, of places near the origin (latitude, longitude), in deg.
+    """Return east and north, m, of places near the origin (latitude, longitude), all in
+    deg.
 
-    Equirectangular: within 10 km of the origin the error is up to 5 m at 60 deg of
-    latitude, the same for all laps.
+    This is an equirectangular projection. Within 10 km of the origin, its error is up to
+    5 m at a latitude of 60 deg, but the same for all laps.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -201,8 +208,9 @@ def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> 
 
 
 def compute_curvature(distance: Array, x: Array, y: Array) -> Array:
-    """Return the curvature of a path, 1/m, to the left > 0: change of heading over
-    distance.
+    """Return the curvature of a path, 1/m, > 0 to the left.
+
+    It is the derivative of the heading with respect to distance.
 
     Parameters
     ----------
@@ -223,9 +231,9 @@ def read_road(path: Path) -> Road:
     Raises
     ------
     NoFile
-        The file is not there.
+        The file does not exist.
     UserError
-        It is no such table. The text names file, line, column and the allowed range.
+        The file is not a road. The message states file, line, column and allowed range.
     """
     import pandas as pd
 
@@ -239,12 +247,12 @@ def read_road(path: Path) -> Road:
         raise NoFile(f"{path}: no such file") from None
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise UserError(
-            f"{path}: is no table of a road: {getattr(error, 'strerror', None) or error}"
+            f"{path}: is not a table of a road: {getattr(error, 'strerror', None) or error}"
         ) from None
     header = [c.strip() for c in table.iloc[0]]
     twice = [c for c in COLUMN_RANGES if header.count(c) > 1]
     if twice:
-        raise UserError(f"{path}: column {twice[0]} stands twice in the header (line 1)")
+        raise UserError(f"{path}: column {twice[0]} appears twice in the header (line 1)")
     table = table.iloc[1:]
     line = np.arange(2, len(table) + 2)
     columns = {n: _parse_column(path, n, table[header.index(n)], line) for n in COLUMN_RANGES if n in header}
@@ -257,14 +265,14 @@ def read_road(path: Path) -> Road:
     check_columns(path, columns, line, "line")
     closed = columns.pop("closed", np.zeros(1))
     if np.unique(closed).size > 1:
-        raise UserError(f"{path}: column closed: the same in every row is needed, 0 or 1")
+        raise UserError(f"{path}: column closed: must be the same in every row, 0 or 1")
     for name in PROFILE:
         columns.setdefault(name, np.full(len(table), np.nan))
     return Road(**columns, is_closed=bool(closed[0]), path=path)
 
 
 def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
-    """Parse a column, NaN for an empty cell. UserError: a cell is no number."""
+    """Return a column as numbers, NaN if empty. UserError: a cell is not numeric."""
     values = np.full(len(line), np.nan)
     for i, cell in enumerate(cells):
         text = cell.strip()
@@ -287,18 +295,21 @@ def _format_range(name: str) -> str:
 def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str) -> None:
     """Check the columns of a road.
 
+    `line`: number of each row in messages. `place`: "line" or "row".
+
     Raises
     ------
     UserError
-        The text names path, `place` (line or row), column and the allowed range.
+        A column is invalid. The message states path, line or row, column and allowed
+        range.
     """
     distance = columns["distance"]
     if len(distance) < 2:
-        raise UserError(f"{path}: has {len(distance)} rows; a road needs two or more")
+        raise UserError(f"{path}: has {len(distance)} rows; a road needs at least two")
     for name, values in columns.items():
         if np.shape(values) != np.shape(distance):
             raise UserError(
-                f"{path}: column {name} has {np.size(values)} values, distance has {len(distance)}"
+                f"{path}: column {name} has {np.size(values)} values, but distance has {len(distance)}"
             )
         _, low, high = COLUMN_RANGES[name]
         with np.errstate(invalid="ignore"):
@@ -320,18 +331,18 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
     if back.any():
         i = int(back.argmax()) + 1
         raise UserError(
-            f"{path}: {place} {line[i]}, column distance: {distance[i]:g} m is not beyond the row before, "
-            f"{distance[i - 1]:g} m; distance must increase"
+            f"{path}: {place} {line[i]}, column distance: {distance[i]:g} m is not greater than "
+            f"{distance[i - 1]:g} m in the row before; distances must increase"
         )
     for a, b in PAIRS:
         if (a in columns) != (b in columns):
             raise UserError(
-                f"{path}: column {b if a in columns else a} is missing: {a} and {b} are needed, or neither"
+                f"{path}: column {b if a in columns else a} is missing: give both {a} and {b}, or neither"
             )
 
 
 def write_road(road: Road, path: Path) -> None:
-    """Write road.csv atomically: distances to 1 mm, angles to 1e-6 rad, degrees to 1e-9.
+    """Write road.csv atomically, with a resolution of 1 mm, 1e-6 rad and 1e-9 deg.
 
     Raises
     ------
@@ -351,5 +362,5 @@ def write_road(road: Road, path: Path) -> None:
 
 
 def _format_cell(x: float, digits: int) -> str:
-    """Format a number of road.csv; NaN as an empty cell."""
+    """Format a number of road.csv with this number of decimals; NaN is an empty cell."""
     return "" if np.isnan(x) else f"{x:.{digits}f}"

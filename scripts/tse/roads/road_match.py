@@ -1,13 +1,14 @@
 """Find the place on a road of each row of a log.
 
-GNSS positions give the place if they are logged. Otherwise it is found by the path of the
-car: its curvature (yaw rate over speed) over the travelled distance. A hidden Markov
-model matches it with the curvature of the road (Viterbi, IEEE Trans. Inf. Theory 13
-(1967) 260). States are places of the road every PLACE_STEP and "elsewhere". A step of the
-log goes 0, 1 or 2 steps along the road. This covers a wrong wheel radius, another lane, a
-start anywhere, several rounds of a circuit, and a way to the road and off it. A matched
-stretch must have similar curvatures (MIN_ALIKE) and turn enough (MIN_TURN), since all
-straights are alike."""
+If GNSS positions are logged, they give the place. Otherwise, the curvature of the path of
+the car (yaw rate over speed) as a function of the travelled distance is matched with the
+curvature of the road. This is a hidden Markov model (Viterbi, IEEE Trans. Inf. Theory 13
+(1967) 260). Its states are places on the road, PLACE_STEP apart, and "elsewhere". While
+the log advances by one step, the place advances by 0, 1 or 2 steps. The model thus allows
+for a wrong wheel radius, a different lane, a start anywhere on the road, several rounds
+of a circuit, and driving to the road and away from it. In a matched stretch, the
+curvatures must correlate (MIN_ALIKE) and the road must turn enough (MIN_TURN), since
+straights cannot be told apart."""
 
 from __future__ import annotations
 
@@ -24,34 +25,50 @@ from tse.library.errors import UserError
 from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
-GNSS, PATH = "GNSS position", "path"  # how a place is found
-# m, error of a place along the road; by path the rms of four real laps against positions
+GNSS, PATH = "GNSS position", "path"  # method by which places are found, in words
+# [m] sd of a place along the road. PATH: rms error against GNSS in four real laps
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
-PLACE_STEP = 2.5  # m, between places of the road, and of the path: a third of SMOOTH_DISTANCE
-MAX_OFF_ROAD = 15.0  # m, from the path to a position on the road: four lanes, or a poor GNSS
-DIRECTION_DISTANCE = 20.0  # m, penalty of the opposite direction in nearest-place searches
-MIN_ROLL_SPEED = 0.5  # m/s: below, the car stands, and its yaw rate is the bias
-# nat, cost of 0 or 2 steps of the road in one of the log: 12 nat a km for a radius error
-# of 1 %
+# [m] distance of neighbouring places of the road and of the path: a third of
+# SMOOTH_DISTANCE
+PLACE_STEP = 2.5
+# [m] max distance of a position from the path of the road: four lanes, or a poor GNSS
+MAX_OFF_ROAD = 15.0
+# [m] distance added between opposite directions in a search of the nearest place
+DIRECTION_DISTANCE = 20.0
+# [m/s] below this speed, the car is taken to stand: the gyro then measures its bias
+MIN_ROLL_SPEED = 0.5
+# Costs of the hidden Markov model are negative log-likelihoods, in nat.
+# [nat] cost of 0 or 2 steps along the road per step of the log. An error of the wheel
+# radius of 1 % costs 12 nat per km
 SLIP_COST = 3.0
-ALIKE_SD = 0.25  # rms of the road's curvature: difference between two drivers
-MIN_ALIKE_SD = 5e-4  # 1/m: steering on a straight, as at a radius of 2 km
-MAX_SQUARED_ERROR = 9.0  # squared difference over its variance: overtaking stays on the road
-ELSEWHERE_COST = 1.0  # nat, of a step elsewhere: as much as a difference of 1.4 sd
-TURN_OFF_COST = 30.0  # nat, of leaving or reaching the road: as much as 75 m elsewhere
-MIN_ALIKE = 0.85  # correlation of both curvatures over a matched stretch
-MIN_TURN = 1.0  # rad, sum of |turning| of the road over a matched stretch
-# rad, of that turning enough for any road: parts of a winding road, backwards and
-# mirrored, were alike over 3.6
+# [1] sd of the difference of the curvatures of road and log, over the rms curvature of
+# the road: drivers differ by this
+ALIKE_SD = 0.25
+MIN_ALIKE_SD = 5e-4  # [1/m] min of this sd: steering corrections on a straight, radius 2 km
+# [1] max squared difference of the curvatures, over its variance. With this limit, a car
+# that overtakes is still on the road
+MAX_SQUARED_ERROR = 9.0
+ELSEWHERE_COST = 1.0  # [nat] cost of a step elsewhere: that of a difference of 1.4 sd
+TURN_OFF_COST = 30.0  # [nat] cost of leaving or reaching the road: that of 75 m elsewhere
+MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a matched stretch
+MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road in a matched stretch
+# [rad] an integral that is sufficient on every road. On a winding road, stretches that
+# were driven backwards or mirrored correlated over up to 3.6 rad
 SURE_TURN = 6.0
-SAME_ALIKE = 0.05  # correlation: parts of a road that differ by less are the same to a log
-SURE_SHARE = 0.8  # share of all turning of the road, or of the log, in place of SURE_TURN
-MAX_STRETCH = 0.005  # of the distance by wheels: beyond it the stretched path is matched again
-DRIFT_WINDOW = 60.0  # m: window over which the offset of both distances is constant
-MIN_ROUND = 100.0  # m, of a circuit
-MAX_PIT_LANE = 300.0  # m, from the first row to the beginning of a circuit
-MAX_CLOSURE = 0.05  # of a round: error of dead reckoning at its end
-MAX_PLACES = 8000  # of a road in the model; a longer road has longer steps
+# [1] if the correlation with a different part of the road is lower by less than this, the
+# place is ambiguous
+SAME_ALIKE = 0.05
+# [1] share of the integral over the whole road, or over the whole log, that is
+# sufficient, too
+SURE_SHARE = 0.8
+# [1] max relative error of the distance by wheels. If it is larger, the distance is
+# corrected and matched again
+MAX_STRETCH = 0.005
+DRIFT_WINDOW = 60.0  # [m] sd of the window in which the offset of both distances is constant
+MIN_ROUND = 100.0  # [m] min length of a circuit
+MAX_PIT_LANE = 300.0  # [m] max distance from the first row to a place on the circuit
+MAX_CLOSURE = 0.05  # [1] max error of dead reckoning after one round, over its length
+MAX_PLACES = 8000  # max number of places in the model; on a longer road, steps are longer
 
 
 @dataclass(frozen=True)
@@ -61,13 +78,14 @@ class Track:
     Parameters
     ----------
     travelled
-        (n,) m, distance by the wheels since the first row; it never decreases.
+        (n,) m, distance by the wheel speeds since the first row. It never decreases.
     heading
-        (n,) rad, integral of the yaw rate less its bias while the car rolls.
+        (n,) rad, integral of the yaw rate less its bias over the time in which the car
+        rolls.
     x, y
-        (n,) m, by position; None: the log has none.
+        (n,) m, positions. None: the log has none.
     latitude, longitude
-        (n,) deg, as logged, or None.
+        (n,) deg, as logged. None: the log has none.
     """
 
     travelled: Array
@@ -80,17 +98,17 @@ class Track:
 
 @dataclass(frozen=True)
 class Profile:
-    """The road under each of n rows of a log.
+    """Bank and grade of the road under each of n rows of a log.
 
     Parameters
     ----------
     distance
-        (n,) m along the road, in a circuit of the first round; NaN: off the road.
+        (n,) m along the road; in each round of a circuit the same. NaN: off the road.
     bank, grade, bank_sd, grade_sd
-        (n,) rad; NaN: unknown. A sd includes the error of the place times the slope
-        there.
+        (n,) rad. NaN: unknown. The sd include the error of the place, times the
+        derivative of the profile with respect to distance.
     how
-        GNSS or PATH.
+        Method by which the places were found: GNSS or PATH.
     """
 
     distance: Array
@@ -107,26 +125,28 @@ class Profile:
 
     @property
     def sd(self) -> float:
-        """rms of bank_sd and grade_sd over the rows, rad; NaN: they are unknown."""
+        """rms of bank_sd and grade_sd over all rows, rad; NaN: they are unknown."""
         known = np.concatenate([self.bank_sd, self.grade_sd])
         known = known[np.isfinite(known)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
     def describe(self) -> str:
-        """Return the share of rows on the road and the method, as text."""
+        """Return the share of rows on the road and the method, in words."""
         return f"{100 * self.share:.0f} % of the rows are on the road, found by {self.how}"
 
 
 def derive_track(log: CheckedLog, config: Config | None = None) -> Track:
-    """Derive the path of a log from wheel speeds and yaw rate, and take its positions.
+    """Compute the path of a log from wheel speeds and yaw rate, with positions if logged.
 
     Parameters
     ----------
     log
-        Has wheel speeds and yaw rate. Positions: gnss_latitude and gnss_longitude, else
-        ref_latitude and ref_longitude, deg, else ref_east and ref_north, m.
+        Log with wheel speeds and yaw rate. Its positions are the first of these pairs
+        that exists: gnss_latitude and gnss_longitude, ref_latitude and ref_longitude,
+        deg, ref_east and ref_north, m.
     config
-        Wheel radii; None: those of an ordinary car. The match finds their error.
+        Settings with the wheel radii. None: those of an ordinary car. Matching estimates
+        the error of the radii.
     """
     c = config or Config()
     front, rear = (_fill_gaps(log.data[f"wheel_speed_{a}"].to_numpy(float)) for a in ("front", "rear"))
@@ -162,8 +182,8 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
     Parameters
     ----------
     road
-        The log drives all of it, a part, or several rounds, in the direction of its
-        distance.
+        Road. The car may drive all of it, a part, or several rounds, but only in the
+        direction in which its distance increases.
     log, config
         As in derive_track().
 
@@ -174,13 +194,13 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
     Raises
     ------
     UserError
-        The log is on another road, or shows no place on this one. The text gives the
-        reason.
+        The log is not on this road, or its place on the road cannot be determined. The
+        message states the reason.
 
     Notes
     -----
-    By position the cost is O(n log N). By path it is O(M N) for M steps of the log and N
-    of the road: 0.5 s for laps of 4 km.
+    For n rows, M steps of the log and N places of the road, the time is O(n log N) with
+    positions, and O(M N) without: 0.5 s for laps of 4 km.
     """
     track = derive_track(log, config)
     distance, how = _match_track(road, track, str(log.path))
@@ -201,14 +221,14 @@ def add_road(log: CheckedLog, road: Road, config: Config | None = None) -> tuple
     Parameters
     ----------
     log, road, config
-        As in match_log(). Columns bank and grade of the log are replaced.
+        As in match_log(). If the log has columns bank and grade, they are replaced.
 
     Returns
     -------
     CheckedLog
-        A copy with a note of the share of its rows on the road.
+        A copy of the log, with a note on the share of its rows that are on the road.
     Profile
-        Profile of the road under its rows.
+        Bank and grade of the road under its rows.
 
     Raises
     ------
@@ -220,34 +240,34 @@ def add_road(log: CheckedLog, road: Road, config: Config | None = None) -> tuple
     profile = match_log(road, log, config)
     columns = {str(n): log.extra[n].to_numpy(float) for n in log.extra if n not in PROFILE}
     columns |= {n: x for n in ("bank", "grade") if np.isfinite(x := getattr(profile, n)).any()}
-    notes = [*log.notes, f"road by {road.path}: {profile.describe()}"]
+    notes = [*log.notes, f"road from {road.path}: {profile.describe()}"]
     return replace(log, extra=pd.DataFrame(columns, index=range(len(log))), notes=notes), profile
 
 
 def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tuple[list[Array], Road]:
-    """Find one distance along the road for all rows of several logs.
+    """Find the distances along a common road of the rows of several logs.
 
     Parameters
     ----------
     logs
-        On the same road in the same direction. The longest log gives the distance, from
-        its first row on. If it returns to its start, the road is a circuit, and all
-        rounds have the distances of the first.
+        Logs on the same road in the same direction. The road is the path of the longest
+        one, and distances count from its first row. If this log returns to its start, the
+        road is a circuit, and each place has the same distance in all rounds.
     config
         As in derive_track().
 
     Returns
     -------
     distance
-        A list of (n,) m, one for each log; NaN: off the common road.
+        For each log (n,) m. NaN: off the common road.
     road
-        Path and curvature every 5 m, without bank and grade: Road.with_profile() adds
+        Path and curvature every 5 m. Bank and grade are unknown: Road.with_profile() sets
         them.
 
     Raises
     ------
     UserError
-        A log is on another road.
+        A log is on a different road.
     """
     tracks = [derive_track(log, config) for log in logs]
     longest = max(tracks, key=lambda t: float(t.travelled[-1]))
@@ -259,18 +279,19 @@ def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tu
 
 
 def derive_road(track: Track) -> Road:
-    """Derive the road of a log without bank and grade: a place every 2 PLACE_STEP.
+    """Return the path of a log as a road without bank and grade: a place every 2
+    PLACE_STEP.
 
-    Of a circuit it is one round.
+    If the path is a circuit, the road is one round.
 
     Raises
     ------
     UserError
-        The car moved by less than 4 PLACE_STEP.
+        The car moved less than 4 PLACE_STEP.
     """
     end = float(track.travelled[-1])
     if end < 4 * PLACE_STEP:
-        raise UserError(f"the car has moved by {end:.3g} m: that is no road")
+        raise UserError(f"the car has moved by {end:.3g} m; a road needs {4 * PLACE_STEP:g} m")
     way = np.append(np.arange(0.0, end - PLACE_STEP, 2 * PLACE_STEP), end)
     turn = _compute_track_curvature(track, way)
     position = _average_positions(track, way)
@@ -303,7 +324,9 @@ def derive_road(track: Track) -> Road:
 
 
 def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Array | None] | None:
-    """Return x, y, latitude, longitude at distances of the log; None: none."""
+    """Return x, y, latitude, longitude at travelled distances `way`, smoothed.
+
+    None: the log has too few positions."""
     if track.x is None:
         return None
     known = np.isfinite(track.x) & np.isfinite(track.y)
@@ -322,14 +345,16 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
 
 
 def _smooth(values: Array, sd: float) -> Array:
-    """Smooth values by a Gaussian window (sd in values); slopes continue at both ends."""
+    """Smooth values by a Gaussian window with this sd, in steps.
+
+    Both ends are extended by point reflection, so that a straight line stays straight."""
     wide = min(int(4 * sd) + 1, len(values) - 1)
     padded = np.pad(values, wide, mode="reflect", reflect_type="odd")
     return gaussian_filter1d(padded, sd)[wide : len(values) + wide]
 
 
 def _compute_track_curvature(track: Track, way: Array) -> Array:
-    """Return the smoothed curvature of a log at travelled distances, 1/m."""
+    """Return the smoothed curvature of a log at travelled distances `way`, 1/m."""
     rolls = np.diff(track.travelled, prepend=-1.0) > 0
     fine = np.arange(0.0, track.travelled[-1], PLACE_STEP)
     heading = np.interp(fine, track.travelled[rolls], track.heading[rolls])
@@ -339,15 +364,16 @@ def _compute_track_curvature(track: Track, way: Array) -> Array:
     return np.interp(way, fine, curvature)
 
 
-# ---- a circuit
+# ---- Circuits
 
 
 def _find_round(road: Road) -> tuple[int, int] | None:
     """Return the first and last place of the first round of a circuit; None: no circuit.
 
-    At the end of a round the path is at its beginning in the same direction. By position:
-    the first place within MAX_OFF_ROAD. By curvature: the shift with the best correlation
-    between the rest and the beginning, where dead reckoning is near its start.
+    At the end of a round, the path reaches its beginning again, in the same direction.
+    With positions, the end is the nearest place in the first stretch within MAX_OFF_ROAD
+    of the beginning. Without positions, it is the shift at which the curvature correlates
+    with itself (MIN_ALIKE) and dead reckoning returns to its start (MAX_CLOSURE).
     """
     s = road.distance
     if road.x is not None:
@@ -373,18 +399,18 @@ def _find_round(road: Road) -> tuple[int, int] | None:
 
 
 def _correlate(a: Array, b: Array) -> float:
-    """Return the correlation of two curvatures about 0."""
+    """Return the correlation of two curvatures, without subtracting their means."""
     size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0 else 0.0
 
 
-# ---- by position
+# ---- Matching by position
 
 
 def _add_direction(x: Array, y: Array) -> Array:
-    """Return places of a path, m, with their scaled direction: (n, 4).
+    """Return positions of a path, m, and its direction there, scaled: (n, 4).
 
-    The distance between opposite directions at one place is DIRECTION_DISTANCE.
+    At the same position, the distance between opposite directions is DIRECTION_DISTANCE.
     """
     dx, dy = np.gradient(x), np.gradient(y)
     size = np.maximum(np.hypot(dx, dy), 1e-9)
@@ -392,20 +418,22 @@ def _add_direction(x: Array, y: Array) -> Array:
 
 
 def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
-    """Return the distance along the road by row, NaN off it, and the method."""
+    """Return the distance along the road of each row, NaN off the road, and the method.
+
+    `name`: name of the log in messages."""
     if track.latitude is not None and road.latitude is not None:
         x, y = to_local(track.latitude, track.longitude, road.origin)
         start = to_local(road.latitude, road.longitude, road.origin)
         found = match_by_position(start[0], start[1], road.distance, x, y, track.travelled)
         if not np.isfinite(found).any():
             raise UserError(
-                f"{name}: is on another road than {road.path}: no position is within {MAX_OFF_ROAD:g} m "
-                "of it, driven in its direction"
+                f"{name}: is not on the road {road.path}: no position is within {MAX_OFF_ROAD:g} m of it "
+                "while driving in its direction"
             )
         return found, GNSS
     if track.latitude is None and track.x is not None and road.latitude is None and road.x is not None:
         found = match_by_position(road.x, road.y, road.distance, track.x, track.y, track.travelled)
-        if np.isfinite(found).any():  # otherwise log and road may have different frames
+        if np.isfinite(found).any():  # else x and y of log and road may have different origins
             return found, GNSS
     return match_by_path(road, track, name), PATH
 
@@ -413,20 +441,20 @@ def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
 def match_by_position(
     x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, travelled: Array
 ) -> Array:
-    """Return the distance of places along a path.
+    """Return the distances along a path of the positions of a log.
 
     Parameters
     ----------
     x, y, distance
-        (n,) m, the path.
+        (n,) m, path and distance along it.
     at_x, at_y
-        (m,) m, the places, in the same frame; NaN: unknown, interpolated.
+        (m,) m, positions in the same frame. NaN: unknown; they are interpolated.
     travelled
-        (m,) m, distance by the wheels: gives the direction.
+        (m,) m, distance by the wheel speeds. It determines the direction of driving.
 
     Returns
     -------
-    (m,) m; NaN: further than MAX_OFF_ROAD from the path, or in the other direction.
+    (m,) m. NaN: further than MAX_OFF_ROAD from the path, or in the opposite direction.
     """
     known = np.isfinite(at_x) & np.isfinite(at_y)
     rolled = np.flatnonzero(known & (np.diff(travelled, prepend=-1.0) > 0))
@@ -451,7 +479,10 @@ def match_by_position(
 
 
 def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
-    """Interpolate distances along a road, not across jumps nor into NaN."""
+    """Interpolate distances along a road linearly at travelled distances `at`.
+
+    `way`, `s`: travelled distances, and distances along the road there. At a jump of s,
+    or next to NaN, the nearest value is used."""
     i = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     share = (at - way[i]) / (way[i + 1] - way[i])
     step = s[i + 1] - s[i]
@@ -459,19 +490,18 @@ def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
     return np.where(jumps, np.where(share < 0.5, s[i], s[i + 1]), s[i] + share * step)
 
 
-# ---- by path
+# ---- Matching by path
 
 
 def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
-    """Return the distance along the road of every row by curvature alone; NaN off the
-    road.
+    """Return the distance along the road of every row, by curvature only.
 
-    In a circuit it increases over all rounds.
+    NaN: off the road. In a circuit, the distance increases over all rounds.
 
     Raises
     ------
     UserError
-        No part of the log matches the road. The text gives the reason.
+        No part of the log matches the road. The message states the reason.
     """
     step = max(PLACE_STEP, road.length / MAX_PLACES)
     places = road.distance[0] + step * np.arange(max(int(road.length / step), 2))
@@ -482,40 +512,42 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     if np.sum(np.abs(its)) * step < MIN_TURN:
         raise UserError(
             f"{name}: cannot be aligned with {road.path}: the road turns by less than {MIN_TURN:g} rad, "
-            "so only GNSS positions show where on it a row is"
+            "so places on it can only be found with GNSS positions"
         )
     sd = max(ALIKE_SD * scale, MIN_ALIKE_SD)
     place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     stretch = _estimate_stretch(place, road.is_closed)
-    if abs(stretch - 1.0) > MAX_STRETCH:  # wrong wheel radius: the match took 0 and 2 steps
+    # If the wheel radius is wrong, the match contains too many steps of 0 or 2 places:
+    # correct the distance, and match again.
+    if abs(stretch - 1.0) > MAX_STRETCH:
         track = replace(track, travelled=stretch * track.travelled)
         way = np.arange(0.0, float(track.travelled[-1]) + step, step)
         turn = _compute_track_curvature(track, way)
         place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     if not (place >= 0).any():
         raise UserError(
-            f"{name}: cannot be aligned with {road.path}: nowhere do its bends go with those of the road for "
-            "long enough; it is another road, the other direction, or too little of it"
+            f"{name}: cannot be aligned with {road.path}: its bends match those of the road nowhere over a "
+            "sufficient length; it is a different road, the opposite direction, or too short a part"
         )
     if _is_ambiguous(place, its, turn, step, road.is_closed):
         raise UserError(
-            f"{name}: cannot be aligned with {road.path}: its bends repeat, as those of a slalom, and are "
-            "as much like another part of the road; only GNSS positions show where on it a row is"
+            f"{name}: cannot be aligned with {road.path}: its bends match several parts of the road, as in a "
+            "slalom; places on it can only be found with GNSS positions"
         )
     s = road.distance[0] + _refine_places(place, its, turn, step, road.is_closed)
     return _interpolate_places(way, s, track.travelled)
 
 
 def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return beginning and end of each stretch that is on the road."""
+    """Return first and last + 1 index of each stretch of the log that is on the road."""
     edges = np.flatnonzero(np.diff((place >= 0).astype(int), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return the ratio of road distance to wheel distance; default 1."""
+    """Return the ratio of distance along the road to distance by wheels; 1: unknown."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
-    steps = steps[steps >= 0] if is_closed else steps  # < 0: a new round begins
+    steps = steps[steps >= 0] if is_closed else steps  # negative where a new round begins
     return float(np.mean(steps))
 
 
@@ -526,32 +558,33 @@ def _smooth_curvature(road: Road, places: Array, step: float) -> Array:
 
 
 def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[np.int64]:
-    """Return the likeliest place of each step of a log on a road.
+    """Return the most probable sequence of places on a road for the steps of a log.
 
     Parameters
     ----------
     its
-        (N,) 1/m, curvature of the road, in steps.
+        (N,) 1/m, curvature of the road at its places.
     turn
-        (M,) 1/m, that of the log, in the same steps.
+        (M,) 1/m, curvature of the log at steps of the same length.
     sd
-        1/m, sd of their difference on one road.
+        1/m, sd of the difference of both curvatures if the log is on the road.
     is_closed
-        The last place comes before the first.
+        True: the first place follows the last one.
 
     Returns
     -------
-    (M,) int, 0 .. N - 1; -1: elsewhere.
+    (M,) int, index of the place, 0 .. N - 1. -1: elsewhere.
 
     Notes
     -----
-    O(M N) time, M N bytes.
+    Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # predecessor of a place. 0, 1, 2: so many steps before; 3: elsewhere; in [n], 1: the
-    # log has just left the road
+    # Predecessor of each place 0 .. n - 1. 0, 1, 2: the place so many steps before; 3:
+    # elsewhere. Column n is "elsewhere", with the predecessors 0: elsewhere; 1: the place
+    # in `left`.
     came = np.zeros((steps, n + 1), np.int8)
-    left = np.zeros(steps, np.int64)  # place at which the log left the road
+    left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
     cost = np.full(n + 1, TURN_OFF_COST)
     cost[n] = 0.0
     options = np.empty((4, n))
@@ -587,7 +620,9 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
 def _accept_stretches(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float
 ) -> npt.NDArray[np.int64]:
-    """Return the places without stretches of low correlation or little turning."""
+    """Return the places with -1 in stretches of low correlation or little turning.
+
+    The limits are MIN_ALIKE, and MIN_TURN, SURE_TURN or SURE_SHARE."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -601,7 +636,9 @@ def _accept_stretches(
 def _is_ambiguous(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> bool:
-    """Return whether another part of the road matches nearly as well."""
+    """Return whether the longest stretch matches a different part of the road, too.
+
+    Its correlation there is then lower by less than SAME_ALIKE."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE
@@ -618,11 +655,14 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Refine matched places, m from the first place of the road; NaN off the road.
+    """Return the places with a resolution below a step, m from the first place of the
+    road.
 
-    The offset between the distances of road and log drifts slowly. Places count by the
-    slope of the curvature, as they show the offset. Three steps of least squares over
-    DRIFT_WINDOW correct it (Lucas and Kanade, IJCAI (1981) 674).
+    NaN: off the road. The offset between the distances of road and log changes slowly. It
+    is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit the curvature of
+    the log to that of the road (Lucas and Kanade, IJCAI (1981) 674). Places are weighted
+    by the squared derivative of the curvature, since only changes of curvature reveal the
+    offset.
     """
     n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)

@@ -1,5 +1,4 @@
-"""Simulate the car of the settings along a log, and compare its sensors with the
-measured ones."""
+"""Simulate a car with the inputs of a log; compare simulated and measured channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,9 @@ from tse.log.rows import DRIVES, MEASURES, ROAD_COLUMNS, CheckedLog
 from tse.report.plots import CHANNEL_UNITS
 from tse.roads.road import MAX_ROAD_ANGLE
 
-MIN_COMPARE_SPEED = 3.0  # m/s: below, tyres and wheel speeds differ, and at rest all agrees
+# [m/s] slower rows are not compared: tyre model and wheel speeds are inaccurate there,
+# and at standstill every model agrees
+MIN_COMPARE_SPEED = 3.0
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -24,29 +25,30 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 class ModelMisfit:
     """Difference of a measured and a simulated channel above MIN_COMPARE_SPEED."""
 
-    rms: float  # about the mean, which is the sensor's bias; NaN: the log lacks the channel
-    over_noise: float  # rms over the white noise of the channel in this log
-    mean: float
-    unit: str
+    rms: float  # about the mean, i.e. without the sensor's bias; NaN: the log lacks the channel
+    over_noise: float  # rms over the sd of the white noise of the channel in this log
+    mean: float  # includes the sensor's bias
+    unit: str  # of rms and mean
 
 
 def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
-    """Simulate the model along a log.
+    """Simulate the model with the inputs of a log.
 
-    The road is level but for the columns bank and grade of the log, and the settings.
-    Inputs and simulated channels are shifted by the latencies of the settings.
+    Bank and grade of the road are those of the columns bank and grade of the log, if it
+    has them, and of the settings otherwise. Inputs and simulated channels are shifted by
+    the latencies in the settings.
 
     Parameters
     ----------
     log
-        Its inputs drive the model.
+        Log with the inputs of the model.
     config
         Settings of the car.
 
     Returns
     -------
-    Table of time, accel_x, accel_y and yaw_rate as logged, the same with the suffix
-    _simulated, vel_x and vel_y.
+    Table with time, accel_x, accel_y and yaw_rate as logged, the simulated channels with
+    the suffix _simulated, and simulated vel_x and vel_y.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
     inputs = {c: log.data[c].to_numpy(float) for c in DRIVES}
     for c, x in inputs.items():
         if not np.isfinite(x).any():
-            raise UserError(f"{c} is missing: nothing drives the model")
+            raise UserError(f"{c} is missing: it is an input of the model")
     inputs = {c: _shift(log.time, fill_gaps(x), late[c]) for c, x in inputs.items()}
     config, road = _derive_road(log, config, inputs)
     simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs, **road).run(config)
@@ -71,10 +73,12 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
 def _derive_road(
     log: CheckedLog, config: Config, inputs: Mapping[str, Values]
 ) -> tuple[Config, dict[str, Values]]:
-    """Return settings and profiles of the road [rad] of a log.
+    """Return the settings, and bank and grade [rad] that are added to those of the
+    settings.
 
-    Bank and grade of the log replace those of the settings, where they are known.
-    Elsewhere the bank is that of the lean into curves by the settings, -share v r/g.
+    Where the log states bank and grade, the sum is the value of the log. Elsewhere, the
+    sum is the value of the settings. If the log has a bank, bank_superelevation is set to
+    0, and its effect, a bank of -bank_superelevation v r/g, is part of the returned bank.
     """
     given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
@@ -91,12 +95,12 @@ def _derive_road(
 
 
 def _shift(time: Values, x: Values, by: float) -> Values:
-    """Return a channel, read `by` seconds later."""
+    """Return the values of a channel at times that are later by `by`, s."""
     return np.asarray(np.interp(time + by, time, x)) if by else x
 
 
 def measure_misfit(table: pd.DataFrame) -> dict[str, ModelMisfit]:
-    """Return the difference of each channel of simulate_along() from the measured one."""
+    """Return the difference of each measured channel and that of simulate_along()."""
     fast = np.abs(table["vel_x"].to_numpy()) > MIN_COMPARE_SPEED
     found = {}
     for c in MEASURES:
@@ -109,14 +113,14 @@ def measure_misfit(table: pd.DataFrame) -> dict[str, ModelMisfit]:
 
 
 def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
-    """Return the differences as text, a line for each channel."""
+    """Return the differences in words, a line for each channel."""
     lines = []
     for c, a in found.items():
         if np.isfinite(a.rms):
             over = f"{a.over_noise:.1f} times its noise; " if np.isfinite(a.over_noise) else ""
             lines.append(
                 f"{c}: measured less simulated {a.rms:.3g} {a.unit} rms above {MIN_COMPARE_SPEED:g} m/s, "
-                f"{over}without its mean of {a.mean:.2g}"
+                f"{over}without its mean of {a.mean:.2g} {a.unit}"
             )
         else:
             lines.append(f"{c}: nothing to compare above {MIN_COMPARE_SPEED:g} m/s")
@@ -124,7 +128,7 @@ def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
 
 
 def list_curves(table: pd.DataFrame) -> list[tuple[str, list[tuple[str, Any, Any]]]]:
-    """Return the curves of simulate_along() for plots.lines(): measured and simulated."""
+    """Return measured and simulated channels as the curves of plots.lines()."""
     t = table["time"]
     return [
         (

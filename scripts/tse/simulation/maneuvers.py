@@ -1,8 +1,8 @@
-"""Make the inputs of the driver in a manoeuvre, as histories on the sample grid.
+"""Make the driver's inputs of a manoeuvre as time histories, a value for each sample.
 
-A manoeuvre has steering, and either torques (open loop, as in the paper) or a target
-speed. A proportional driver follows the target speed with drive and brake torque
-(simulate.py).
+A manoeuvre has a steering angle, and either wheel torques (open loop, as in the paper) or
+a target speed. A proportional controller in simulate.py follows the target speed by drive
+and brake torques.
 """
 
 from collections.abc import Callable
@@ -16,30 +16,32 @@ from tse.library.errors import UserError
 
 @dataclass
 class Maneuver:
-    """Histories on the sample grid; torques in Nm an axle."""
+    """Time histories of a manoeuvre, (rows,). Torques are the sum of an axle, Nm."""
 
-    time: np.ndarray
-    speed: float  # m/s, at the start
-    steer_angle: np.ndarray
+    time: np.ndarray  # s
+    speed: float  # at the start, m/s
+    steer_angle: np.ndarray  # at the road wheels, rad
     wheel_torque_front: np.ndarray
     wheel_torque_rear: np.ndarray
-    road_level: np.ndarray
-    target_speed: np.ndarray | None = None  # m/s; closes the speed loop
+    road_level: np.ndarray  # factor of all stiffnesses
+    # m/s; a controller then computes the torques. None: torques are as given
+    target_speed: np.ndarray | None = None
     brake_torque_front: np.ndarray | None = None
     brake_torque_rear: np.ndarray | None = None
-    road_friction: np.ndarray | None = None  # 0: as in the simulator's settings
+    road_friction: np.ndarray | None = None  # 0: that of the simulator's settings
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Entry of the list of manoeuvres: defaults and meaning of the amplitude."""
+    """A manoeuvre in the list MANEUVERS."""
 
     name: str
-    duration: float  # s
-    speed: float  # m/s
-    amplitude: float
-    amplitude_text: str
-    text: str
+    duration: float  # default, s
+    speed: float  # default, m/s
+    amplitude: float  # default
+    amplitude_text: str  # quantity and unit of the amplitude
+    text: str  # description
+    # (time, speed, amplitude, config, rng) -> time histories by name
     build: Callable[[np.ndarray, float, float, Config, np.random.Generator], dict]
 
 
@@ -58,13 +60,13 @@ def _make_square_waves(
 def _make_double_lane_change(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 12 s: 3 s drive, 6 s lane change and back, 2 s brake, 1 s roll.
+    """Make cycles of 12 s: 3 s accelerate, 6 s change lane and back, 2 s brake, 1 s roll.
 
-    The brake takes back the gained speed.
+    Braking reduces the speed to that before the acceleration.
     """
     cycle = t % 12.0
     steer = np.zeros_like(t)
-    for start, sign in ((3.0, 1.0), (6.0, -1.0)):  # a full sine steers one lane further
+    for start, sign in ((3.0, 1.0), (6.0, -1.0)):  # a full period of a sine changes the lane
         s = (cycle - start) / 2.5
         inside = (s >= 0) & (s < 1)
         steer[inside] += sign * amplitude * np.sin(2 * np.pi * s[inside])
@@ -75,7 +77,7 @@ def _make_double_lane_change(
 def _make_step_steer(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Steer by a ramp of 0.2 s after 1 s, at constant speed."""
+    """Increase the steering angle after 1 s by a ramp of 0.2 s, at constant speed."""
     return {
         "steer_angle": amplitude * np.clip((t - 1.0) / 0.2, 0.0, 1.0),
         "target_speed": np.full_like(t, speed),
@@ -85,7 +87,7 @@ def _make_step_steer(
 def _make_sine_sweep(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Steer by a sine from 0.2 to 3 Hz, logarithmic in time, at constant speed."""
+    """Steer by a sine sweep, exponentially from 0.2 to 3 Hz, at constant speed."""
     low, high = 0.2, 3.0
     rate = np.log(high / low) / max(t[-1], 1e-9)
     phase = 2 * np.pi * low * np.expm1(rate * t) / rate
@@ -93,7 +95,9 @@ def _make_sine_sweep(
 
 
 def compute_understeer(config: Config) -> float:
-    """Return K of delta = (L + K v^2) / R for the nominal car, rad s2/m."""
+    """Return the understeer gradient K of the nominal car, rad s2/m.
+
+    The steering angle on a circle of radius R is (L + K v^2) / R, with wheelbase L."""
     c = config
     wheelbase = c.lf + c.lr
     return c.mass / wheelbase * (c.lr / c.cornering_stiffness_front - c.lf / c.cornering_stiffness_rear)
@@ -102,9 +106,9 @@ def compute_understeer(config: Config) -> float:
 def _make_constant_radius(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Drive on a circle with rising speed, up to 4 m/s2."""
+    """Drive on a circle with rising speed, up to a lateral acceleration of 4 m/s2."""
     radius = amplitude
-    top = max(speed, np.sqrt(4.0 * radius))  # up to 4 m/s2
+    top = max(speed, np.sqrt(4.0 * radius))
     target = speed + (top - speed) * np.clip(t / max(t[-1], 1e-9), 0.0, 1.0)
     steer = (config.lf + config.lr + compute_understeer(config) * target**2) / radius
     return {"steer_angle": steer * np.clip(t / 2.0, 0.0, 1.0), "target_speed": target}
@@ -124,7 +128,7 @@ def _make_straight(
 def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s bend, 5 s brake, 5 s wait."""
+    """Make cycles of 20 s: 6 s accelerate to 12 m/s, 4 s bend, 5 s brake, 5 s stand."""
     cycle = t % 20.0
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
@@ -136,7 +140,9 @@ def _make_stop_and_go(
 
 
 def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
-    """Return noise of sd 1 and correlation time `memory`, smooth as a driver's hand."""
+    """Return noise of sd 1 and correlation time `memory`, s, like a driver's corrections.
+
+    White noise passes two first-order low passes. `step`: sample time, s."""
     from scipy.signal import lfilter
 
     a = np.exp(-step / memory)
@@ -146,7 +152,7 @@ def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float)
     return x / (x.std() or 1.0)
 
 
-MAX_DRIVE_SECONDS = 36000.0  # s
+MAX_DRIVE_SECONDS = 36000.0  # [s] max duration of a simulation
 
 # fmt: off
 MANEUVERS = {
@@ -189,7 +195,7 @@ def build(
     road: list[tuple[float, float]] | None = None,
     seed: int = 1,
 ) -> Maneuver:
-    """Make a manoeuvre of the list.
+    """Make a manoeuvre of the list MANEUVERS.
 
     Parameters
     ----------
@@ -198,11 +204,14 @@ def build(
     config
         Settings of the car.
     sample_time, duration
-        s; None: the default of the manoeuvre.
-    speed, amplitude
-        m/s, and unit of the manoeuvre; None: its defaults.
+        s. duration None: the default of the manoeuvre.
+    speed
+        m/s. None: the default of the manoeuvre.
+    amplitude
+        In the unit of the manoeuvre. None: its default.
     road
-        (time [s], level): from this time on, the level multiplies all stiffness.
+        Changes of the road: (time [s], level). From this time on, the level multiplies
+        all stiffnesses.
     seed
         Seed of random steering.
 

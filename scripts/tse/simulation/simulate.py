@@ -1,4 +1,4 @@
-"""Drive a manoeuvre in the simulator: a log as a car would write it, and the truth."""
+"""Simulate a manoeuvre: return a log like that of a car, and the true values."""
 
 import sys
 from dataclasses import dataclass
@@ -12,14 +12,17 @@ from tse.log.rows import ROAD_COLUMNS, list_columns
 from tse.roads.road import Road
 from tse.simulation.maneuvers import Maneuver
 
-SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
-BRAKE_FRONT = 0.6  # share of the brake force at the front axle
-HOLD_TORQUE = 300.0  # Nm, brake at standstill
-WHEEL_NOISE = 0.02  # rad/s, of real wheel speeds; the filter takes an exact repeat for a frozen channel
-POSITIONS = {  # columns of a log, and those of a road
+SPEED_GAIN = 2.0  # [1/s] acceleration per error of the speed of the driver model
+BRAKE_FRONT = 0.6  # [1] share of the brake force at the front axle
+HOLD_TORQUE = 300.0  # [Nm] brake torque of an axle at standstill
+# [rad/s] sd of the noise of real wheel speeds. Without noise, values would repeat
+# exactly, and the filter would judge the channel to be frozen
+WHEEL_NOISE = 0.02
+POSITIONS = {  # columns of a log -> columns of a road
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
     "local": {"ref_east": "x", "ref_north": "y"},
 }
+# inputs of the simulator that a Maneuver has under the same name
 HISTORIES = (
     "steer_angle",
     "wheel_torque_front",
@@ -32,7 +35,7 @@ HISTORIES = (
 
 @dataclass
 class Simulation:
-    """Tables of LOG.csv and TRUTH.csv."""
+    """Contents of LOG.csv and TRUTH.csv: a log, and the true values in its rows."""
 
     log: pd.DataFrame
     truth: pd.DataFrame
@@ -46,10 +49,10 @@ def simulate(
     progress: bool = False,
     road: Road | None = None,
 ) -> Simulation:
-    """Drive a manoeuvre and return log and truth as they are written to files.
+    """Simulate a manoeuvre and return log and truth as they are written to files.
 
-    On a road, the log has positions: those of the road at the travelled distance,
-    whatever the steering does.
+    Parameters as in drive(). With a road, the log has positions: those on the road at the
+    travelled distance, even if the steering of the manoeuvre does not follow the road.
     """
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
     log, truth = _make_log(maneuver.time, outputs), _make_truth(maneuver, inputs, outputs, config)
@@ -67,7 +70,7 @@ def simulate(
 
 
 def compute_travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """Return the travelled distance of each row, m."""
+    """Return the distance travelled up to each row, m."""
     return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
 
 
@@ -79,19 +82,20 @@ def drive(
     progress: bool = False,
     road: Road | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drive a manoeuvre and return inputs and outputs of the simulator.
+    """Simulate a manoeuvre and return inputs and outputs of the simulator.
 
     Parameters
     ----------
     maneuver, config, sim_config
-        Histories of the driver, settings of the car, and settings of the simulator.
+        Time histories of the driver's inputs, settings of the car, and settings of the
+        simulator.
     driven_axle
         "front", "rear" or "both".
     progress
-        Show a progress bar.
+        True: show a progress bar.
     road
-        Its bank and grade act at the travelled distance. Unknown ones, and those beyond
-        its end, are 0.
+        Road whose bank and grade at the travelled distance are inputs of the simulator.
+        They are 0 where they are unknown, and beyond the end of the road.
     """
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
@@ -118,7 +122,9 @@ def drive(
 def _follow_speed(
     inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float
 ) -> None:
-    """Set drive and brake torque of row i by a driver who follows the target speed."""
+    """Set the drive and brake torques of row i: a proportional controller of the speed.
+
+    `now`: speed, m/s. `front`: share of the drive force at the front axle."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
@@ -137,7 +143,9 @@ def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
 
 
 def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """Return all outputs of the simulator (stiffness in N and N/rad) and the torques."""
+    """Return the outputs of the simulator that are no channels, and the torques.
+
+    Stiffnesses are in N and N/rad."""
     log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):
@@ -150,6 +158,7 @@ def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, con
     return pd.DataFrame(table)
 
 
+# columns of a log that the report draws -> columns of the truth
 REFERENCE_COLUMNS = {
     "ref_vel_x": "true_vel_x",
     "ref_vel_y": "true_vel_y",
@@ -159,5 +168,5 @@ REFERENCE_COLUMNS = {
 
 
 def add_references(simulation: Simulation) -> pd.DataFrame:
-    """Return the log with the truth in columns ref_, which the report draws."""
+    """Return the log with true values in columns ref_..., which the report draws."""
     return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCE_COLUMNS.items()})
