@@ -155,7 +155,7 @@ def test_what_is_written_is_read_again(tmp_path):
         ("bank,grade,", "lean,slope,", "column bank or grade is needed"),
         ("x,y", "x,z", "column y is missing: give both x and y, or neither"),
         ("x,y", "u,v", "column curvature, or x and y, or latitude and longitude are needed"),
-        ("x,y", "x,x", "column x stands twice"),
+        ("x,y", "x,x", "column x appears twice"),
         (
             "10,0.04,,0.004,,10,0\n20,-0.03,0.00,0.004,0.005,20,1\n",
             "",

@@ -77,7 +77,7 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of
         ["line 5", "sign: 2 is not allowed; allowed: 1 and -1"],
     ),
     "ratio": ("ratio = 15.0", "ratio = 0.1", ["line 4", "ratio: 0.1 is out of range; allowed: 0.5 .. 100"]),
-    "ratio as text": ("ratio = 15.0", 'ratio = "15"', ["line 4", "'15' is no number", "0.5 .. 100"]),
+    "ratio as text": ("ratio = 15.0", 'ratio = "15"', ["line 4", "'15' is not a number", "0.5 .. 100"]),
     "ratio of one row": ("ratio = 15.0", "ratio = [[0, 15]]", ["line 4", "at least two rows"]),
     "ratio falls": (
         "ratio = 15.0",
