@@ -498,7 +498,7 @@ def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_pa
     run = ("log.csv", "--vehicle", "car.toml", "--signals", "s.toml")
     (tmp_path / "s.toml").write_text(sure + 'unsure = "its sign"\n')
     done = tselab_here("estimate", "--verbose", *run, "--table", "t.parquet", cwd=tmp_path)
-    assert "warning: guessed, not tested: yaw_rate (its sign): check s.toml" in done.err
+    assert "warning: guessed, not tested: yaw_rate (its sign): check them in s.toml" in done.err
     assert pd.read_parquet(tmp_path / "t.parquet").warnings.str.contains("its sign").all()
     strict = tselab_here("estimate", "--verbose", *run, "--strict", cwd=tmp_path)
     assert strict.code == 2 and "yaw_rate (its sign)" in strict.err

@@ -25,8 +25,7 @@ ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
     "longitudinal stiffness is not estimated"
 )
-# name of the filter for each value of the setting `form`, as in the column `filter` of
-# src/tables
+# filter for each value of the setting `form`, as in the column `filter` of src/tables
 FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
@@ -35,7 +34,7 @@ FORMS = {"default": "form default", "paper": "form robust or paper"}
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
-    """Read a FILTER.toml: any setting, flat or under [filter].
+    """Read the settings in a FILTER.toml, at its top or in the table [filter].
 
     Raises
     ------
@@ -171,8 +170,7 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Raise an error if an optional channel, or a setting that belongs to one, has no
-    effect.
+    """Raise an error if an optional channel or a setting for one has no effect.
 
     `asked`: settings stated for this run. Those of the vehicle file are not checked,
     since it is used for all logs of the car, with these channels or without.

@@ -617,8 +617,7 @@ class _Compiler:
 
 @functools.lru_cache(maxsize=1024)
 def _parse_dimension(unit: str) -> Any:
-    """Return the dimension of a unit in the notation of the tables: `rad s2/m` is
-    rad*s**2/m.
+    """Return the dimension of a unit, e.g. of rad*s**2/m for the string "rad s2/m".
 
     rad counts as 1. Since numbers are used without conversion, only coherent SI units are
     allowed: 0.1 deg would be used as 0.1 rad.

@@ -39,7 +39,7 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
-FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
+FRICTION = "tyre_saturation_inverse_friction"  # name of the setting, and of the unknown in [calibration]
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
 # min similarity (ratio of difflib) of an unknown table to one of VEHICLE_TABLES for which
@@ -82,8 +82,7 @@ class Vehicle:
     formula: Formula | None = None  # formula in the file that [formula] names
     formula_path: Path | None = None
     # table [calibration], written by an earlier `tselab calibrate`: names, mean,
-    # covariance, of, and own (True: calibrated on the log that is estimated); {}: not
-    # calibrated
+    # covariance, of, own (True: on the log that is estimated). {}: no calibration
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -209,17 +208,17 @@ def describe_stiffness(vehicle: Vehicle) -> str:
 
 
 def list_vehicle_settings() -> list[str]:
-    """Return the settings at the top of a vehicle file."""
+    """Return the names of the settings at the top of a vehicle file."""
     return list(library().settings_in("vehicle"))
 
 
 def list_uncertainty_settings() -> list[str]:
-    """Return the settings of the table [uncertainty]: src/tables/uncertainty.toml."""
+    """Return the names of the settings in [uncertainty]: src/tables/uncertainty.toml."""
     return list(library().uncertainties)
 
 
 def list_sensor_settings() -> list[str]:
-    """Return the settings of the table [sensors]."""
+    """Return the names of the settings in [sensors]."""
     return list(library().settings_in("sensors", "velocity", "pedals", "road"))
 
 
@@ -229,7 +228,7 @@ def list_latency_settings() -> dict[str, str]:
 
 
 def list_formula_settings() -> list[str]:
-    """Return the settings of a formula of the user: src/tables/formula.toml."""
+    """Return the names of the settings of a formula: src/tables/formula.toml."""
     return list(library().settings_in("formula"))
 
 
@@ -312,8 +311,7 @@ def _read_tables(
     values: dict[str, float],
     unknown: list[str],
 ) -> tuple[dict[str, Any], list[str]]:
-    """Add the settings of the tables to `values`, and messages on wrong keys to
-    `unknown`.
+    """Add settings of the tables to `values`, and messages on wrong keys to `unknown`.
 
     `check`: settings in which each value is set, to check its range.
 
@@ -413,7 +411,7 @@ def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
 
 
 def _is_table(value: Any) -> bool:
-    """Return whether a value is a table, or several tables under one name."""
+    """Return whether a value is a TOML table or an array of tables."""
     return isinstance(value, dict) or (
         isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
     )
@@ -463,8 +461,7 @@ def _find_formula(path: Path, table: dict[str, Any]) -> Path | None:
 
 
 def format_formula_table(formula: Formula, file: Path) -> str:
-    """Return the table [formula] of a vehicle file. `file`: formula in the same
-    folder."""
+    """Return the table [formula] of a vehicle file. `file`: path of the formula."""
     name = json.dumps(file.name, ensure_ascii=False)
     return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {name}\n"
 
@@ -625,8 +622,7 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
 
 
 def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Set missing noise and bias of the sensors from the log, by the rules of
-    noise.py."""
+    """Set missing noise and bias of sensors from the log, by the rules of noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
     config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
@@ -672,8 +668,7 @@ def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving:
 
 
 def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Reduce stated sensor noise by averaging, if rows of the log are means of
-    samples."""
+    """Reduce the stated sensor noise if rows of the log are means of several samples."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
         if log.averaged < 2 or key not in vehicle.values:

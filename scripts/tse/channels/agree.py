@@ -29,8 +29,7 @@ from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 # tests/cars and the real logs). accel_x: pitch and grade. steer_angle: steering
 # compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
-# [m] mean track of passenger cars, and [1] sd of its logarithm: used if the track is
-# unknown
+# [m] track of passenger cars, and [1] sd of its logarithm: used if it is not given
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
 # Costs are squared deviations of the logarithms of the ratios from 0, in sd^2.
 # [1] cost added for each assumed mistake. It must reduce the deviations by more than this
@@ -374,12 +373,11 @@ def _list_alternatives(name: str, x: float) -> str:
 
 
 def _cost_free_factor(figures: Figures) -> float:
-    """Return the lowest cost if one channel is multiplied by any factor, of no known
-    unit."""
+    """Return the lowest cost after correction of one channel by any factor and sign."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        # correct the channel by the factor e: tells which ratios depend on its factor,
-        # and with which exponent
+        # correct the channel by the factor e, to find the ratios that depend on the
+        # factor, and its exponent in each of them
         turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
@@ -595,8 +593,7 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
     # The radii of the axles differ by wear, with the square of the speed, and with the
-    # load in bends. The yaw rate must explain the difference without and with these
-    # terms.
+    # load in bends. The yaw rate must explain the difference with and without them.
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]

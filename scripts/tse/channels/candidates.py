@@ -1,5 +1,4 @@
-"""List for each channel that was not found the signals that are nearest to it, and why
-each was rejected."""
+"""List the nearest signals of each missing channel, and why they were rejected."""
 
 from collections.abc import Mapping, Sequence
 
@@ -91,8 +90,7 @@ def _compare_sounds(role: str, c: Channel) -> list[bool]:
 def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
-    """Return why a signal was rejected: by its times, values, unit, rate, name or
-    physics."""
+    """Return why a signal was rejected: times, values, unit, rate, name or physics."""
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]

@@ -96,8 +96,7 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the signs of yaw rate and accelerations, and whether that of the yaw rate
-    was tested.
+    """Return the signs of the motion, and whether that of the yaw rate was tested.
 
     The sign of the yaw rate follows from the difference of right and left wheel speeds,
     or otherwise from the course of a GNSS receiver. The sign of accel_y follows from its
@@ -114,8 +113,7 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
 
 
 def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
-    """Warn if all lateral channels are positive to the right, judged by the wheel
-    speeds."""
+    """Warn if, by the wheel speeds, all lateral channels are positive to the right."""
     lateral = ("yaw_rate", "accel_y", "steer_angle")
     if not all(c in found and found[c].sign < 0 for c in lateral):
         return
@@ -316,7 +314,7 @@ def _choose_steering_unit(
     )
     name = guess.name[0]
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
+    if unit and off > 3.0:  # with the unit in the log, the ratio is off by over 3 sd
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
@@ -330,8 +328,7 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio: that of the vehicle file if the measured one agrees with
-    it.
+    """Set the steering ratio to that of the vehicle file if the measured ratio agrees.
 
     Otherwise it is the measured one; without a vehicle file the mean of measured ratio
     and prior."""
@@ -510,8 +507,7 @@ def _check_offsets(
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
 # [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
-# steering: random single-track models of understeering passenger cars with relaxation, at
-# 10 .. 35 m/s
+# steering. From random single-track models of understeering cars with relaxation
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
 MIN_STEERING_SDS = 2.0  # [sd] min latency of the steering angle that is proposed
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed

@@ -231,8 +231,9 @@ def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> l
 def _convert_frame(
     frame: Mapping[str, Any] | pd.DataFrame, name: str, needed: list[str], notes: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the columns of a frame as numbers. Optional columns that are not numeric are
-    left out, with a note."""
+    """Return the columns of a frame as numbers.
+
+    Optional columns that are not numeric are left out, with a note."""
     table: dict[str, np.ndarray] = {}
     for column in map(str, frame):
         if column in needed or _is_spare(column):
@@ -439,7 +440,7 @@ def convert_to_numbers(column: pd.Series) -> pd.Series:
     """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
-    except OverflowError:  # an integer beyond the range of a float, in a column with text
+    except OverflowError:  # a column with strings has an integer beyond the range of a float
         return pd.Series([_convert_cell(cell) for cell in column], column.index, float)
 
 
@@ -457,7 +458,7 @@ def _describe_range(name: str) -> str:
     return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
 
-# ---- any log: reader, mapping, raster, check
+# ---- Logs of any format: read, map signals to channels, resample, check
 
 
 def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog:

@@ -22,8 +22,7 @@ from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import find_unit_suffix
 
-# Role: quantity that a signal may measure. For each role, the kinds of its possible
-# units.
+# role, i.e. quantity that a signal may measure -> kinds of its possible units
 ROLE_KINDS = {
     "yaw_rate": ("rate",),
     "accel_y": ("acceleration",),
@@ -161,8 +160,7 @@ class Look:
             time, value = clocks.straighten(c)
             # copy only this part of a long log
             rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
-            # flags are compared only if no entry was dropped: rows of flag and value then
-            # match
+            # if entries were dropped, rows of flag and value differ: do not use the flag
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
@@ -201,8 +199,7 @@ class Look:
         return self._called[name]
 
     def find_unit(self, name: str) -> str:
-        """Return the unit in the log, otherwise that at the end of the name; "":
-        unknown."""
+        """Return the unit in the log, or that at the end of the name; "": unknown."""
         if name not in self._unit:
             c = self.channels[name]
             self._unit[name] = (
@@ -214,8 +211,7 @@ class Look:
 
 
 # ---- Signals that belong to a measurement in the same message: validity flag, message
-# counter, and the fine part of a value that is sent in coarse steps. Tick counters of
-# wheels.
+# counter, fine part of a value that is sent in coarse steps. Tick counters of wheels.
 
 FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
@@ -260,8 +256,7 @@ def find_flags(recording: Recording) -> Flags:
 def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
-    """Return the validity flag of the signal `mine` and its value for valid; None: no
-    flag.
+    """Return the validity flag of the signal `mine`, and its value for valid; None: none.
 
     The flag is in the same message. Its name is similar to the name of the signal, or it
     is the only flag that refers to the whole message. Flags in `taken` are left out."""
@@ -282,8 +277,7 @@ def find_flag(
 
 
 def _is_of_another_signal(recording: Recording, flag: str) -> bool:
-    """Return whether the name of a flag is similar to that of one signal of its
-    message."""
+    """Return whether the name of a flag is similar to that of a signal of its message."""
     mine = recording.channels[flag]
     message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
@@ -319,8 +313,7 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
-    """Find flag, counter and fine part of each guess by message, name and values; add
-    them."""
+    """Find flag, counter and fine part of each guess by message, name and values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
@@ -407,8 +400,7 @@ def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the distance of the values of a signal if they are equidistant, otherwise
-    0."""
+    """Return the distance of the values of a signal; 0: they are not equidistant."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0
@@ -418,8 +410,7 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def warn_of_counting_wheels(recording: Recording) -> list[str]:
-    """Return a warning if signals are tick counters of wheels, whose values only
-    increase."""
+    """Return a warning if signals are tick counters of wheels: they only increase."""
     found = [
         c.name
         for c in recording

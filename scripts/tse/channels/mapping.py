@@ -43,8 +43,7 @@ class Clocks:
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times of a channel, corrected to increase, and the values at
-        them."""
+        """Return the times of a channel, corrected to increase, and its values."""
         if id(channel.time) not in self._done:
             time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -188,8 +187,7 @@ def _find_factor(
 
 
 def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> np.ndarray:
-    """Return the steering ratio at each angle of the steering wheel, from the table
-    signal.ratio.
+    """Interpolate the steering ratio in the table signal.ratio.
 
     `value`: angles, rad. `per`: rad per unit of the angles in the table."""
     angles, ratios = np.array(signal.ratio, float).T

@@ -29,8 +29,7 @@ class LineFit:
 
 
 def smooth(x: np.ndarray) -> np.ndarray:
-    """Return moving means over MEAN_TIME; NaN where at least half of a window is
-    missing."""
+    """Return moving means over MEAN_TIME; NaN if half of the values or more are NaN."""
     n = max(1, round(MEAN_TIME * COMPARISON_RATE))
     good = np.isfinite(x)
     kernel = np.ones(n)
@@ -133,7 +132,7 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     # Noise of the curvature biases the slope towards 0. The true slope is between that of
     # this regression and that of the inverse one, slope / share. Their geometric mean is
     # returned, as in fit(). The sd is increased by that of a uniform distribution between
-    # both.
+    # both slopes.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(

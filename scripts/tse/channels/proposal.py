@@ -147,8 +147,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 #
 # The score of a signal for a role is the sum of three scores: of its name
 # (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
-# The other channels are the best candidates of the pass before, so several passes are
-# made.
+# The other channels are the best candidates of the last pass: several are made.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3

@@ -112,7 +112,7 @@ def resample_channels(
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        if name in VELOCITY_COLUMNS:  # each measurement is used once: no interpolation, no hold
+        if name in VELOCITY_COLUMNS:  # the filter uses each measurement once: neither interpolate nor hold
             rows.value[name] = _place_entries(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch is not interpolated
@@ -205,7 +205,7 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
 
     try:
         return CubicSpline(own, value)(at)
-    except ValueError:  # values so large that their slope overflows
+    except ValueError:  # values so large that their differences overflow
         return np.interp(at, own, value)
 
 

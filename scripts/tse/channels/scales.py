@@ -141,8 +141,7 @@ def is_same_unit(a: str, b: str, role: str) -> bool:
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
-    """Return the factor from a unit to SI; for wheel speeds to m/s at the
-    circumference."""
+    """Return the factor from a unit to SI; of wheel speeds to m/s."""
     if role == "wheel":
         return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)

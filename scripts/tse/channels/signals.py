@@ -75,8 +75,7 @@ class SignalSource:
     above: float | None = None
     # name of the signal with the fine part of the value, in the same unit
     add: str | None = None
-    # properties that were guessed and not tested; every run warns until the key is
-    # deleted
+    # properties that were guessed, not tested. Every run warns of them
     unsure: str = ""
 
 
@@ -108,8 +107,7 @@ class SignalsFile:
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
 ) -> tuple[SignalsFile | None, ReadOptions]:
-    """Return the signals.toml of a log, None if there is none, and the options of
-    reading.
+    """Return the signals.toml of a log (None: there is none), and the options of reading.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ class Stream:
         # identifier that is in no database -> number of its frames
         self.unknown: dict[int, int] = {}
         self.known = 0  # number of frames whose messages are in the databases
-        # s: correction of time stamps; times of the last and of the first needed frame
+        # [s] correction of time stamps; time of last frame; time of first needed frame
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
         self._sent = 0  # number of rows returned
         self._start = math.nan  # time of the first row, s
@@ -136,8 +136,7 @@ class Stream:
         self.last: dict[str, float] = {}  # channel -> time of its last value, s
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
-        """Complete the names of signals with their messages; check that all needed
-        channels are assigned."""
+        """Add messages to the names of signals; check that no channel is missing."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
@@ -236,7 +235,7 @@ class Stream:
         return said
 
     def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
-        """Append the values of the frames of one message to its signals."""
+        """Decode frames of one message, and append their values to its signals `kept`."""
         of = {k.signal.name: k for k in kept}
         for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
@@ -371,7 +370,7 @@ class Stream:
         return {n: values[:, i] for i, n in enumerate(names)}
 
     def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return no rows."""
+        """Return empty columns, as make_rows() does if no row is complete."""
         return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _begin(self, heard: _Heard) -> bool:
@@ -394,8 +393,7 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return False if the next row must wait for a channel, True if it may be
-        complete.
+        """Return whether the next row may be complete, i.e. need not wait for a channel.
 
         A fast check, since most frames complete no row."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:

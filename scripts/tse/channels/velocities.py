@@ -64,7 +64,7 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
-    """Return whether name and unit are those of a velocity."""
+    """Return whether a signal has the unit of a speed and a name like `pattern`."""
     text = join_words(look.channels[name].short)
     return (
         bool(pattern.search(text))

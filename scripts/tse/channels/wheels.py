@@ -152,8 +152,7 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return the speed of the car as that of the rear axle, for a log without wheel
-    speeds.
+    """Return the speed of the car as rear axle, for a log without wheel speeds.
 
     The reader of the log uses it for the front axle, too. Slip is then unknown."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
@@ -183,8 +182,7 @@ def is_sided(wheels: Mapping[str, str]) -> bool:
 
 
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return right less left wheel speed of an axle, which is proportional to the yaw
-    rate.
+    """Return right less left wheel speed of an axle: proportional to the yaw rate.
 
     None: no axle has both wheels, or their names do not state the side."""
     if not is_sided(wheels):
@@ -213,8 +211,7 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 # ---- Motion of the car, by name, unit and agreement of the channels with each other.
 
 # Correlation that counts neither for nor against a role; 0.75 for other roles. For
-# accel_x it is lower, since the derivative of the wheel speed is noisy, and grade adds to
-# accel_x.
+# accel_x it is lower: dv/dt is noisy, and grade adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max abs. score of a signal for a role by physics
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")

@@ -1,1 +1,1 @@
-"""Profiles of roads, and where on a road each row of a log is."""
+"""Profiles of roads, and matching of logs with roads."""

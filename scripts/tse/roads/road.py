@@ -196,8 +196,7 @@ def make_road(
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return east and north, m, of places near the origin (latitude, longitude), all in
-    deg.
+    """Return east and north, m, of places near the origin (latitude, longitude, deg).
 
     This is an equirectangular projection. Within 10 km of the origin, its error is up to
     5 m at a latitude of 60 deg, but the same for all laps.

@@ -28,8 +28,7 @@ from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_
 GNSS, PATH = "GNSS position", "path"  # method by which places are found, in words
 # [m] sd of a place along the road. PATH: rms error against GNSS in four real laps
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
-# [m] distance of neighbouring places of the road and of the path: a third of
-# SMOOTH_DISTANCE
+# [m] distance of places of the road and of the path: a third of SMOOTH_DISTANCE
 PLACE_STEP = 2.5
 # [m] max distance of a position from the path of the road: four lanes, or a poor GNSS
 MAX_OFF_ROAD = 15.0
@@ -52,14 +51,13 @@ ELSEWHERE_COST = 1.0  # [nat] cost of a step elsewhere: that of a difference of 
 TURN_OFF_COST = 30.0  # [nat] cost of leaving or reaching the road: that of 75 m elsewhere
 MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a matched stretch
 MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road in a matched stretch
-# [rad] an integral that is sufficient on every road. On a winding road, stretches that
-# were driven backwards or mirrored correlated over up to 3.6 rad
+# [rad] value of this integral that always suffices. A smaller one may match by chance: on
+# a winding road, stretches correlated backwards or mirrored over 3.6 rad
 SURE_TURN = 6.0
 # [1] if the correlation with a different part of the road is lower by less than this, the
 # place is ambiguous
 SAME_ALIKE = 0.05
-# [1] share of the integral over the whole road, or over the whole log, that is
-# sufficient, too
+# [1] share of the integral over the whole road, or the whole log, that suffices, too
 SURE_SHARE = 0.8
 # [1] max relative error of the distance by wheels. If it is larger, the distance is
 # corrected and matched again
@@ -279,10 +277,9 @@ def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tu
 
 
 def derive_road(track: Track) -> Road:
-    """Return the path of a log as a road without bank and grade: a place every 2
-    PLACE_STEP.
+    """Return the path of a log as a road with a place every 2 PLACE_STEP.
 
-    If the path is a circuit, the road is one round.
+    Bank and grade are unknown. If the path is a circuit, the road is one round.
 
     Raises
     ------
@@ -581,8 +578,7 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     """
     n, steps = len(its), len(turn)
     # Predecessor of each place 0 .. n - 1. 0, 1, 2: the place so many steps before; 3:
-    # elsewhere. Column n is "elsewhere", with the predecessors 0: elsewhere; 1: the place
-    # in `left`.
+    # elsewhere. Column n, predecessor of "elsewhere". 0: elsewhere; 1: place in `left`.
     came = np.zeros((steps, n + 1), np.int8)
     left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
     cost = np.full(n + 1, TURN_OFF_COST)
@@ -655,8 +651,7 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Return the places with a resolution below a step, m from the first place of the
-    road.
+    """Return the places with a resolution below a step, m from the first place.
 
     NaN: off the road. The offset between the distances of road and log changes slowly. It
     is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit the curvature of

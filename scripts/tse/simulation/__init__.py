@@ -1,1 +1,1 @@
-"""Simulate manoeuvres, and the car of a file along a log."""
+"""Simulate manoeuvres, and a car with the inputs of a log."""

@@ -73,8 +73,7 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
 def _derive_road(
     log: CheckedLog, config: Config, inputs: Mapping[str, Values]
 ) -> tuple[Config, dict[str, Values]]:
-    """Return the settings, and bank and grade [rad] that are added to those of the
-    settings.
+    """Return settings, and bank and grade [rad] that are added to those of the settings.
 
     Where the log states bank and grade, the sum is the value of the log. Elsewhere, the
     sum is the value of the settings. If the log has a bank, bank_superelevation is set to

@@ -53,7 +53,7 @@ def make_square(t: np.ndarray, period: float) -> np.ndarray:
 def _make_square_waves(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Steer in square waves of 4 s, and drive in square waves of 5 s."""
+    """Make square waves: steering with a period of 4 s, drive torque with one of 5 s."""
     return {"steer_angle": amplitude * make_square(t, 4.0), "wheel_torque_front": 700.0 * make_square(t, 5.0)}
 
 
