@@ -118,7 +118,9 @@ class Formula:
             raise FormulaError("key title: is empty; allowed: a line of text")
         places = library().formula_places
         if self.place not in places:
-            raise FormulaError(f"key place: there is no place '{self.place}'{_suggest(self.place, places)}")
+            raise FormulaError(
+                f"key place: there is no place '{self.place}'{_suggest_name(self.place, places)}"
+            )
         _check_range("key gain", "formula_gain", self.gain)
         _check_numbers(self.numbers)
         program = self._program
@@ -190,7 +192,7 @@ class Formula:
             A number is unknown, or its value is outside its range.
         """
         if unknown := [name for name in values if name not in self._values]:
-            raise FormulaError(f"there is no number '{unknown[0]}'{_suggest(unknown[0], self._values)}")
+            raise FormulaError(f"there is no number '{unknown[0]}'{_suggest_name(unknown[0], self._values)}")
         return replace(
             self, numbers=tuple(replace(n, value=float(values.get(n.name, n.value))) for n in self.numbers)
         )
@@ -695,7 +697,7 @@ def _count_indent(text: str) -> int:
     return len(text) - len(text.lstrip(" "))
 
 
-def _suggest(name: str, known: Iterable[str]) -> str:
+def _suggest_name(name: str, known: Iterable[str]) -> str:
     """Return a similar known name as a question; without one, the list of all names."""
     known = list(known)
     return suggest_names(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
@@ -735,7 +737,7 @@ def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], prefix: str) ->
     """Raise an error if there is an unknown key."""
     for key in data:
         if key not in known:
-            raise FormulaError(f"key {prefix}{key} is not known{_suggest(key, known)}")
+            raise FormulaError(f"key {prefix}{key} is not known{_suggest_name(key, known)}")
 
 
 def _read_entry(data: Mapping[str, Any], key: str, kind: type, prefix: str, default: Any = None) -> Any:

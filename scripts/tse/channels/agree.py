@@ -313,7 +313,7 @@ def check_units(
     if best is None or plain is None or not plain[1].value:
         return pedals
     _, causes, after = best
-    if causes and best[0] < _cost_free_factor(plain[1]):
+    if causes and best[0] < _compute_free_factor_cost(plain[1]):
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
@@ -372,7 +372,7 @@ def _list_alternatives(name: str, x: float) -> str:
     return f", a wrong steering ratio or wheelbase does{braking}"
 
 
-def _cost_free_factor(figures: Figures) -> float:
+def _compute_free_factor_cost(figures: Figures) -> float:
     """Return the lowest cost after correction of one channel by any factor and sign."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):

@@ -74,11 +74,11 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
         return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
     named = score_name(role, c.name)
     if named <= 0:  # a name with a word of the role and a word of a different quantity: half
-        named = 0.5 if any(_compare_sounds(role, c)) else 0.0
+        named = 0.5 if any(_match_patterns(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
-def _compare_sounds(role: str, c: Channel) -> list[bool]:
+def _match_patterns(role: str, c: Channel) -> list[bool]:
     """Return for each pattern of the role whether the name of c matches it, but has a
     negative score because of a word of a different quantity."""
     return [

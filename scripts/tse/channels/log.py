@@ -138,7 +138,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     missing = [c for c in needed if c not in header]
     if missing:
         raise UserError(_describe_missing(path, header, missing, needed))
-    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _is_spare(c))})
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _is_optional(c))})
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
@@ -236,7 +236,7 @@ def _convert_frame(
     Optional columns that are not numeric are left out, with a note."""
     table: dict[str, np.ndarray] = {}
     for column in map(str, frame):
-        if column in needed or _is_spare(column):
+        if column in needed or _is_optional(column):
             try:
                 table[column] = _convert_column(name, column, frame[column])
             except (TypeError, ValueError, OverflowError):
@@ -276,7 +276,7 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
     )
 
 
-def _is_spare(column: str) -> bool:
+def _is_optional(column: str) -> bool:
     """Return whether a column is optional: read if present, but not needed."""
     return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
@@ -397,7 +397,7 @@ def _convert_cells(
     """Return the columns of a CSV as numbers, and the names of those left out."""
     columns: dict[str, np.ndarray] = {}
     skipped = []
-    for name in (c for c in header if c in needed or _is_spare(c)):
+    for name in (c for c in header if c in needed or _is_optional(c)):
         cells = table[name]
         numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else convert_to_numbers(cells)
         bad = (numbers.isna() & cells.notna()).to_numpy()
@@ -501,7 +501,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
             "unsure"
         )
         log.notes.insert(0, log.warnings[-1])
-    log.slower = _join_slower(rows.native, rows.rate)
+    log.slower = _join_slow_channels(rows.native, rows.rate)
     return log
 
 
@@ -535,7 +535,7 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
     return SignalsFile(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
-def _join_slower(
+def _join_slow_channels(
     native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
 ) -> dict[str, SlowChannel]:
     """Return the entries of channels that are slower than the rows.

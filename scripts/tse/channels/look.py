@@ -335,7 +335,7 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
             g.counter = counters[0]
             g.figures.append(f"{counters[0][0]} counts its messages, modulo {counters[0][1]}")
         if g.channel == "steer_angle":
-            _add_rest(g, mine, beside)
+            _add_fine_part(g, mine, beside)
 
 
 def _get_message_name(c: Channel) -> str:
@@ -376,7 +376,7 @@ def _count_modulo(c: Channel) -> int:
     return find_modulo(there)
 
 
-def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
+def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     """Find the signal with the fine part of a coarse value, and add it to the guess.
 
     Its sum with the coarse value must be smoother, by MAX_FILLED."""

@@ -62,7 +62,7 @@ class Clocks:
 
 
 def map_signals(
-    recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
+    recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], max_lost: float = MAX_LOST
 ) -> dict[str, Series]:
     """Return all channels that signals.toml assigns. Wheels of an axle are separate.
 
@@ -76,7 +76,7 @@ def map_signals(
         Car, with the radii of the wheels.
     notes : list of str
         The function appends its notes.
-    most_lost : float
+    max_lost : float
         Max share of values that a flag may mark as invalid. 1 for a short piece of a
         drive, whose values may all be invalid.
 
@@ -90,7 +90,7 @@ def map_signals(
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
         made = [
-            _map_part(recording, signal, n, part, signals, clocks, car, notes, most_lost)
+            _map_part(recording, signal, n, part, signals, clocks, car, notes, max_lost)
             for n, part in zip(signal.name, parts, strict=True)
         ]
         if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
@@ -115,7 +115,7 @@ def _map_part(
     clocks: Clocks,
     car: Any | None,
     notes: list[str],
-    most_lost: float,
+    max_lost: float,
 ) -> Series:
     """Return one channel, or one wheel of an axle, from the signal `name`.
 
@@ -145,7 +145,7 @@ def _map_part(
         )
     value = value.copy()
     if signal.valid is not None:
-        _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, most_lost)
+        _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, max_lost)
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
@@ -211,7 +211,7 @@ def _drop_invalid(
     source: str,
     part: str,
     notes: list[str],
-    most_lost: float,
+    max_lost: float,
 ) -> None:
     """Set the values to NaN that a flag marks as invalid."""
     state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
@@ -219,7 +219,7 @@ def _drop_invalid(
     bad |= ~np.isfinite(state)
     if not bad.any():
         return
-    if bad.mean() > most_lost:
+    if bad.mean() > max_lost:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
             f"{source.replace('] name', '] valid')}: {flag.name!r} marks {100 * bad.mean():.0f} % of {part} "

@@ -95,17 +95,19 @@ def format_signals(
             f"name = {name}",
         ]
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
-        unsure = _quote(", ".join(g.unsure))
+        unsure = _quote_string(", ".join(g.unsure))
         more = {
             "sign": "-1" if g.sign < 0 else "",
-            "add": _quote(g.add),
-            "sign_bit": _quote(g.sign_bit),
+            "add": _quote_string(g.add),
+            "sign_bit": _quote_string(g.sign_bit),
             "ratio": f"{g.ratio:g}" if g.ratio else "",
             "latency": f"{g.latency:g}" if g.latency else "",
             "clock": f"{g.clock:.12g}" if g.clock else "",
             "above": "" if g.above is None else f"{g.above:g}",
-            "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
-            "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+            "valid": f"{{name = {_quote_string(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+            "counter": f"{{name = {_quote_string(g.counter[0])}, modulo = {g.counter[1]}}}"
+            if g.counter
+            else "",
             "unsure": f"{unsure}  # after you have checked it, delete this line" if g.unsure else "",
         }
         lines += [f"{key} = {value}" for key, value in more.items() if value]
@@ -129,7 +131,7 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
     ]
 
 
-def _quote(text: str | None) -> str:
+def _quote_string(text: str | None) -> str:
     """Return a string quoted for TOML, as in JSON; "" for None."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 

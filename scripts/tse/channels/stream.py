@@ -231,10 +231,10 @@ class Stream:
                 times.append(time)
                 data.append(f.data)
         for key, (times, data) in groups.items():
-            self._decode(self._of_key[key], times, data)
+            self._decode_frames(self._of_key[key], times, data)
         return said
 
-    def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
+    def _decode_frames(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
         """Decode frames of one message, and append their values to its signals `kept`."""
         of = {k.signal.name: k for k in kept}
         for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
@@ -264,9 +264,7 @@ class Stream:
         recording = Recording(Path("the bus"), "bus", channels)
         now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         first = not self.last
-        found = map_signals(
-            recording, SignalsFile(self._all.path, now), self._car, notes := [], most_lost=1.0
-        )
+        found = map_signals(recording, SignalsFile(self._all.path, now), self._car, notes := [], max_lost=1.0)
         if first:
             self.notes += [n for n in notes if "(neither in the log nor in signals.toml)" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
@@ -290,7 +288,7 @@ class Stream:
         if not self._may_have_rows(now):
             return self._make_empty()
         heard = self._receive(now)
-        if math.isnan(self._start) and not self._begin(heard):
+        if math.isnan(self._start) and not self._start_rows(heard):
             return self._make_empty()
         until = self._find_row_limit(heard)
         rate = float(self._rate or 1.0)
@@ -373,7 +371,7 @@ class Stream:
         """Return empty columns, as make_rows() does if no row is complete."""
         return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
-    def _begin(self, heard: _Heard) -> bool:
+    def _start_rows(self, heard: _Heard) -> bool:
         """Set rate and start of the rows. Return False if there are too few frames."""
         wanted = [
             c

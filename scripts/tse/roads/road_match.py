@@ -336,12 +336,12 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
         if column is None:
             return None
         fine = np.arange(0.0, track.travelled[-1], 1.0)
-        return np.interp(way, fine, _smooth(np.interp(fine, s, column[rolled]), PLACE_STEP))
+        return np.interp(way, fine, _smooth_values(np.interp(fine, s, column[rolled]), PLACE_STEP))
 
     return smooth(track.x), smooth(track.y), smooth(track.latitude), smooth(track.longitude)
 
 
-def _smooth(values: Array, sd: float) -> Array:
+def _smooth_values(values: Array, sd: float) -> Array:
     """Smooth values by a Gaussian window with this sd, in steps.
 
     Both ends are extended by point reflection, so that a straight line stays straight."""
@@ -462,7 +462,7 @@ def match_by_position(
     tree = cKDTree(_add_direction(path_x, path_y))
     way = np.arange(0.0, travelled[-1], 1.0)
     smooth_x, smooth_y = (
-        _smooth(np.interp(way, travelled[rolled], p[rolled]), PLACE_STEP) for p in (at_x, at_y)
+        _smooth_values(np.interp(way, travelled[rolled], p[rolled]), PLACE_STEP) for p in (at_x, at_y)
     )
     apart, near = tree.query(_add_direction(smooth_x, smooth_y), distance_upper_bound=MAX_OFF_ROAD)
     on = np.isfinite(apart)

@@ -60,13 +60,15 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
     for c, x in inputs.items():
         if not np.isfinite(x).any():
             raise UserError(f"{c} is missing: it is an input of the model")
-    inputs = {c: _shift(log.time, fill_gaps(x), late[c]) for c, x in inputs.items()}
+    inputs = {c: _shift_channel(log.time, fill_gaps(x), late[c]) for c, x in inputs.items()}
     config, road = _derive_road(log, config, inputs)
     simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs, **road).run(config)
     table = {"time": log.time, **{c: log.data[c].to_numpy(float) for c in MEASURES}}
     for name, x in simulated.items():
         by = -late.get(name, 0.0)
-        table[f"{name}_simulated" if name in MEASURES else name] = _shift(log.time, np.array(x, float), by)
+        table[f"{name}_simulated" if name in MEASURES else name] = _shift_channel(
+            log.time, np.array(x, float), by
+        )
     return pd.DataFrame(table)
 
 
@@ -93,7 +95,7 @@ def _derive_road(
     return config, profiles
 
 
-def _shift(time: Values, x: Values, by: float) -> Values:
+def _shift_channel(time: Values, x: Values, by: float) -> Values:
     """Return the values of a channel at times that are later by `by`, s."""
     return np.asarray(np.interp(time + by, time, x)) if by else x
 
