@@ -107,7 +107,7 @@ MAX_SPEED_RATIO = 1.25
 MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
 CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or a course are compared
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
-COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes: coasting loses less
+COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
 # [1] max ratio of the force of the wheel torques to mass x accel_x. Min: its inverse if
 # both axles have torques, MIN_AXLE_SHARE if only one has
 MAX_FORCE_RATIO = 1.6

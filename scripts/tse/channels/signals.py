@@ -313,7 +313,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
 
 
 def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:
-    """Check the key name; return the name of the signal, or of left and right wheel."""
+    """Check the key `name`; return the name of the signal, or of left and right wheel."""
     names = [name] if isinstance(name, str) else name
     is_axle = channel in SIDES
     if (
@@ -332,7 +332,7 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
 
 
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
-    """Check the key unit and return it: it must be convertible to that of the channel."""
+    """Check the key `unit` and return it: it must be convertible to that of the channel."""
     unit, usual = table["unit"], _list_units(channel)
     if not isinstance(unit, str) or parse_unit(unit) is None:
         raise refuse(at, "unit", f"{unit!r} is not a known unit; usual units of {channel}: {usual}")
@@ -345,7 +345,7 @@ def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> st
 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
-    """Check the key ratio; return the steering ratio, or its table over the angle."""
+    """Check the key `ratio`; return the steering ratio, or its table over the angle."""
     if not isinstance(value, list):
         return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
@@ -369,7 +369,7 @@ def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float,
 
 
 def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
-    """Check the key valid and return its flag."""
+    """Check the key `valid` and return its flag."""
     if isinstance(value, str):
         return Flag(value)
     if isinstance(value, dict) and set(value) <= {"name", "is"} and isinstance(value.get("name"), str):
@@ -386,7 +386,7 @@ def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
 
 
 def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
-    """Check the key counter and return its counter."""
+    """Check the key `counter` and return its counter."""
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):

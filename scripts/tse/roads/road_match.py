@@ -577,8 +577,8 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # Predecessor of each place 0 .. n - 1. 0, 1, 2: the place so many steps before; 3:
-    # elsewhere. Column n, predecessor of "elsewhere". 0: elsewhere; 1: place in `left`.
+    # came[i, place]: predecessor of a place in step i. 0, 1, 2: the place so many steps
+    # before; 3: elsewhere. came[i, n]: predecessor of "elsewhere". 0: elsewhere; 1: left[i].
     came = np.zeros((steps, n + 1), np.int8)
     left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
     cost = np.full(n + 1, TURN_OFF_COST)
