@@ -332,7 +332,7 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
 
 
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
-    """Check the key `unit` and return it: it must be convertible to that of the channel."""
+    """Check the key `unit` and return it: convertible to the unit of the channel."""
     unit, usual = table["unit"], _list_units(channel)
     if not isinstance(unit, str) or parse_unit(unit) is None:
         raise refuse(at, "unit", f"{unit!r} is not a known unit; usual units of {channel}: {usual}")

@@ -578,7 +578,8 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     """
     n, steps = len(its), len(turn)
     # came[i, place]: predecessor of a place in step i. 0, 1, 2: the place so many steps
-    # before; 3: elsewhere. came[i, n]: predecessor of "elsewhere". 0: elsewhere; 1: left[i].
+    # before; 3: elsewhere. came[i, n]: predecessor of "elsewhere". 0: elsewhere; 1: the
+    # place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
     cost = np.full(n + 1, TURN_OFF_COST)
