@@ -128,7 +128,9 @@ def _make_straight(
 def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 20 s: 6 s accelerate to 12 m/s, 4 s bend, 5 s brake, 5 s stand."""
+    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s of braking, 5 s of rest.
+
+    The bend lasts from 5 to 11 s."""
     cycle = t % 20.0
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
