@@ -327,7 +327,7 @@ def describe_use(effect: Row) -> str:
         parts.append(effect["remark"])
     for name, row in effect["parameter"].items():
         if other := row.get("replaced_by"):
-            parts.append(f"{name} counts only while {other} is 0")
+            parts.append(f"{name} is ignored unless {other} is 0")
     return "; ".join(parts)
 
 
@@ -392,7 +392,7 @@ def define_formula_limits() -> list[str]:
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
     rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
-    rows["TSE_FORMULA_NUMBERS"] = (numbers, "numbers, formula_a ..")
+    rows["TSE_FORMULA_NUMBERS"] = (numbers, "number of numbers that a formula may have: formula_a ...")
     return [f"#define {f'{n} {value}':<24} /* {what} */" for n, (value, what) in rows.items()]
 
 
@@ -557,7 +557,7 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # function that returns the
     "input_channels": lambda: list_inputs(
         read_channels(), {"drives": "else refused", "measured": "else missing"}
     ),
-    "input_optional": lambda: list_inputs(read_optional(), {"": "else not there"}),
+    "input_optional": lambda: list_inputs(read_optional(), {"": "otherwise missing"}),
     "channel_places": lambda: [f"TSE_CHANNEL_{r['name']}," for r in read_channels()],
     "optional_places": lambda: [f"TSE_OPTIONAL_{r['name']}," for r in read_optional()],
     "missing_bits": lambda: [

@@ -414,8 +414,8 @@ static const tse_effect_row effect_rows[] = {
     "rear axle", "yaw_rate: phase at 1-2 Hz",
     "cornering_stiffness_rear, aligning_moment",
     "the default filter uses it, the paper's does not; if it is not set, the rear cornering stiffness"
-        " includes its static part; roll counts only while body_roll_gain is 0; frequency counts only "
-        "while body_roll_gain is 0; damping counts only while body_roll_gain is 0",
+        " includes its static part; roll is ignored unless body_roll_gain is 0; frequency is ignored "
+        "unless body_roll_gain is 0; damping is ignored unless body_roll_gain is 0",
     TSE_EFFECT_rear_roll_steer, "default", "SOME_CARS",
     "", 0.0 },
   { "relaxation", "LAG", "relaxation length of the lateral force",
@@ -445,7 +445,7 @@ static const tse_effect_row effect_rows[] = {
   { "tyre_saturation", "GRIP", "lateral force saturates",
     "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4",
     "lateral_load_transfer, combined_slip, stiffness_drift",
-    "the default filter uses it, the paper's does not; inverse_friction counts only while grip is 0",
+    "the default filter uses it, the paper's does not; inverse_friction is ignored unless grip is 0",
     TSE_EFFECT_tyre_saturation, "default", "EVERY_CAR",
     "", 0.0 },
   { "longitudinal_load_transfer", "STIFFNESS", "longitudinal load transfer",

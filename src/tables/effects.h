@@ -29,7 +29,7 @@ enum {
 #define FORMULA_STACK 8          /* max number of values on the stack */
 #define TSE_FORMULA_MEMORIES 3   /* max number of operations with memory */
 #define FORMULA_LATE 1           /* max number of operations `late` */
-#define TSE_FORMULA_NUMBERS 8    /* numbers, formula_a .. */
+#define TSE_FORMULA_NUMBERS 8    /* number of numbers that a formula may have: formula_a ... */
 // clang-format on: end of table
 
 /* Effects and their parameters, as prepared by tse_prepare(). Bit TSE_EFFECT_<id> of mask
