@@ -3,7 +3,8 @@
 No file of src/ includes one that stands later in src/CMakeLists.txt, or one of a folder
 that its own must not use. fmu/glue has no model of tyres. The rooms of tse import in one
 order. No Python module imports itself through others, commands import the public API
-only, and imports stand at the head.
+only, and imports stand at the head. No constant has two values, and no two classes have
+one name.
 """
 
 import ast
@@ -113,6 +114,7 @@ PUBLIC = {"tse", "tse.errors", "tse.files", "tse.tables"}  # modules that the co
 # not of the command layer: `pip install` brings `tselab paper` and `tselab montecarlo`,
 # which need no checkout.
 STUDIES = "tselab.montecarlo"
+CONSTANT = re.compile("_?[A-Z][A-Z0-9_]*")
 LATE = {  # imports within functions of modules that few users need, to save a second
     ("tse._estimate", "tse.report.report"),
     ("tse._simulate", "tse.report.report"),
@@ -232,6 +234,43 @@ def test_commands_import_the_public_api_alone():
 def test_imports_stand_at_the_head_but_for_commands_and_what_few_need():
     late = {(a, b) for a, b, inside in ARROWS if inside and not COMMANDS.fullmatch(a)}
     assert late <= LATE, sorted(late - LATE)
+
+
+def list_constants(tree):
+    """Yield the name and, as text, the value of each constant of a module."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                one_each = isinstance(node.value, ast.Tuple) and isinstance(target, ast.Tuple)
+                for k, name in enumerate(names):
+                    value = ast.unparse(node.value.elts[k] if one_each else node.value)
+                    if isinstance(name, ast.Name) and CONSTANT.fullmatch(name.id):
+                        yield name.id, value
+
+
+def test_no_constant_has_two_values_in_two_modules():
+    """Who searches for a name finds one meaning. The same value may stand twice."""
+    values = {}
+    for module, tree in TREES.items():
+        for name, value in list_constants(tree):
+            values.setdefault(name, {}).setdefault(value, set()).add(module)
+    assert len(values) > 500
+    wrong = {name: found for name, found in values.items() if len(found) > 1}
+    assert not wrong, "\n".join(
+        f"{name}: {sorted(set().union(*f.values()))}" for name, f in sorted(wrong.items())
+    )
+
+
+def test_no_class_has_the_name_of_another():
+    places = {}
+    for module, tree in TREES.items():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(module)
+    assert len(places) > 150
+    wrong = {name: found for name, found in places.items() if len(found) > 1}
+    assert not wrong, "\n".join(f"{name}: {found}" for name, found in sorted(wrong.items()))
 
 
 if __name__ == "__main__":

@@ -22,11 +22,11 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from tse.library.core import STIFFNESS, Config, Library, NativeFilter  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
-from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case  # noqa: E402
+from tselab.montecarlo.case import INITIAL_SETTINGS, Case, CaseDrive, simulate_case  # noqa: E402
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
-CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
-FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
+CASES = (studies.NOMINAL_CASE, studies.NOISE_3X, studies.LOW, studies.ROAD_CHANGE_CASE)
+FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
 # Seeds of the filter. Each filter runs on each drive with each of its seeds. The RMS
 # error of a particle filter depends on the seed: in double, over the same 20 drives, it
 # is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for cy_rear with seeds 11, 12, 13 and
@@ -71,17 +71,17 @@ def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
     """Return the settings of a filter for a simulated car.
 
     `form`: default or paper; `about`: settings of the car."""
-    config = Config.exact({**START, **about}, lib=lib)
+    config = Config.exact({**INITIAL_SETTINGS, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")
-        for name, value in {**START, **about}.items():
+        for name, value in {**INITIAL_SETTINGS, **about}.items():
             config.set(name, value)
     return config
 
 
 def simulate_drive(case: Case, seed: int) -> CaseDrive:
     """Simulate a drive of a case with this seed."""
-    return simulate_case(case, seed, lambda about: Config.exact({**START, **about}), {})
+    return simulate_case(case, seed, lambda about: Config.exact({**INITIAL_SETTINGS, **about}), {})
 
 
 def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:

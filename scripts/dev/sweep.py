@@ -27,7 +27,7 @@ from tse.channels.log import read_log
 from tse.library.core import STIFFNESS, Config, Library, find_library
 from tse.library.files import write_atomically
 from tselab.montecarlo import estimators, studies
-from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case
+from tselab.montecarlo.case import INITIAL_SETTINGS, Case, CaseDrive, simulate_case
 from tselab.montecarlo.scores import find_rows_inside
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,7 +95,7 @@ def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarr
     which the 95 % interval contains the true stiffness. `lib` None: the unchanged
     library.
     """
-    settings = {**START, **d.about}
+    settings = {**INITIAL_SETTINGS, **d.about}
     config = Config.exact(settings, lib=lib)
     out = estimators.run_estimator("tse", d, config)
     here = find_rows_inside(d.time, case.windows)
@@ -168,7 +168,7 @@ def main() -> int:
     cases = [studies.make_study(s).case(c) for s, c in CASES]
     drives = [
         [
-            simulate_case(c, seed, lambda about: Config.exact({**START, **about}), {})
+            simulate_case(c, seed, lambda about: Config.exact({**INITIAL_SETTINGS, **about}), {})
             for seed in range(1, args.runs + 1)
         ]
         for c in cases

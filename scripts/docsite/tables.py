@@ -304,9 +304,11 @@ def make_estimate_columns() -> str:
 
 def make_result_columns() -> str:
     """Return the table of the columns of a table of results."""
-    from tse.report.results import COLUMNS
+    from tse.report.results import ESTIMATE_COLUMNS
 
-    return format_table(["column", "type in pandas"], [[format_code(n), t] for n, t in COLUMNS.items()])
+    return format_table(
+        ["column", "type in pandas"], [[format_code(n), t] for n, t in ESTIMATE_COLUMNS.items()]
+    )
 
 
 def make_vehicle_example() -> str:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,9 +38,6 @@ from tse.log.rows import Reading
 from tse.report import plots, results
 from tse.roads.road import Road
 from tse.runs.single import Calibrate, Prepared, Run, assemble_run, run_prepared
-
-Usable: TypeAlias = Literal["yes", "in part", "no"]
-USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,10 +152,10 @@ class Result(Shown):
         return "\n".join(self.answer)
 
     @property
-    def usable(self) -> Usable:
+    def usable(self) -> results.Usable:
         """ "yes": every stiffness is usable; "in part": only some are; "no": none is. The
         exit code of `tselab estimate` follows from it."""
-        return USABLE[self.exit_code]
+        return results.CODES[self.exit_code]
 
     @property
     def exit_code(self) -> int:
@@ -176,7 +173,9 @@ class Result(Shown):
         estimate smoothed over the stretch, with smoothed_sd, smoothed_low ..
         smoothed_high and smoothed_reason ("valid", or why it should not be used); valid
         (share of valid rows), usable, reason, change, change_probability, ratio, text."""
-        return results.make_frame(self._make_rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
+        return results.make_frame(self._make_rows(Path(), self.warnings), results.ESTIMATE_COLUMNS).drop(
+            columns="log"
+        )
 
     @property
     def events(self) -> tuple[str, ...]:
@@ -328,7 +327,9 @@ class Result(Shown):
         """Write the table of `tselab estimate --table`: Parquet if `path` ends in
         .parquet, otherwise CSV."""
         _, ready = self._get_run()
-        results.write_rows(Path(path), self._make_rows(ready.log.path, self.cautions), results.COLUMNS)
+        results.write_rows(
+            Path(path), self._make_rows(ready.log.path, self.cautions), results.ESTIMATE_COLUMNS
+        )
         return Path(path)
 
     def save_learnt(self, path: str | os.PathLike[str]) -> Path:

@@ -194,7 +194,7 @@ class Live:
         """Write the table of `tselab live --table`: Parquet if `path` ends in .parquet,
         otherwise CSV. Call close() first."""
         rows = results.make_rows(self._get_rows_path(), *self._get_result())
-        results.write_rows(Path(path), rows, results.COLUMNS)
+        results.write_rows(Path(path), rows, results.ESTIMATE_COLUMNS)
         return Path(path)
 
     def _get_rows_path(self) -> Path:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from tse.library.files import write_atomically
 
-MAX_ROWS = 20  # max number of rows of a table that a notebook shows
+MAX_SHOWN_ROWS = 20  # max number of rows of a table that a notebook shows
 
 
 class Shown:
@@ -55,7 +55,7 @@ class Shown:
 
     def _repr_html_(self) -> str:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.words)
-        return f"<ul>{lines}</ul>{self._shown_rows().to_html(max_rows=MAX_ROWS, border=0)}"
+        return f"<ul>{lines}</ul>{self._shown_rows().to_html(max_rows=MAX_SHOWN_ROWS, border=0)}"
 
     def _shown_rows(self) -> pd.DataFrame:
         """Return the table that a notebook shows."""

@@ -62,11 +62,11 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
         )
 
 
-DURATION = 72.0  # [s] duration of the drive
+DRIVE_TIME = 72.0  # [s] duration of the drive
 ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness after it
 SETTLED = 10.0  # [s] rows before this time are not part of the printed errors
 LAST = 12.0  # [s] length of the end of the drive, for which errors are printed
-START = 0.8  # initial estimate of every stiffness over its nominal value
+INITIAL_RATIO = 0.8  # initial estimate of every stiffness over its nominal value
 
 
 # Effect that `tselab gap` has to find in the logs of a second car: the body rolls on its
@@ -87,7 +87,7 @@ GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-SPREAD = 0.02  # sd of the stiffness from sample to sample, share of its mean
+STIFFNESS_SPREAD = 0.02  # sd of the stiffness from sample to sample, share of its mean
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
 
@@ -106,13 +106,13 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
     with write_atomically(out / "filter.toml") as file:
         file.write(
             "# wrong initial values, to show that the filter finds the true ones\n"
-            + "".join(f"initial_{s} = {START}\n" for s in tse.STIFFNESS)
+            + "".join(f"initial_{s} = {INITIAL_RATIO}\n" for s in tse.STIFFNESS)
         )
     drive = tse.simulate(
         "double-lane-change",
         out / "vehicle.toml",
         seed=seed,
-        duration=DURATION,
+        duration=DRIVE_TIME,
         road_changes=[ROAD_CHANGE],
         settings={"wheel_speed_sd": WHEEL_NOISE},  # without noise, the filter takes them for frozen
         bar=progress,
@@ -159,7 +159,7 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
     path = out / "car.toml"
     with write_atomically(path) as file:
         file.write(simulated_vehicle())
-    spread = {f"spread_{s}": SPREAD for s in tse.STIFFNESS}
+    spread = {f"spread_{s}": STIFFNESS_SPREAD for s in tse.STIFFNESS}
     noise = {
         "steer_angle_sd": STEER_NOISE,
         "wheel_speed_sd": WHEEL_NOISE,
@@ -202,7 +202,7 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
 
 RATIO = 15.3  # steering ratio
 TRACK = 1.55  # [m] track width
-DEG, G = 180 / np.pi, 9.80665
+DEG_PER_RAD, STANDARD_GRAVITY = 180 / np.pi, 9.80665
 # Groups of the MF4. Name: only every n-th row of the log is an entry; latency [s];
 # signals and their units
 GROUPS = {
@@ -266,13 +266,13 @@ def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
     side = 0.5 * TRACK * d["yaw_rate"]
     front, rear = (d[f"wheel_speed_{a}"] * car[f"wheel_radius_{a}"] for a in ("front", "rear"))
     value = {
-        "LWI_Lenkradwinkel": DEG * RATIO * d["steer_angle"],
+        "LWI_Lenkradwinkel": DEG_PER_RAD * RATIO * d["steer_angle"],
         "ESP_VL": 3.6 * (front - side),
         "ESP_VR": 3.6 * (front + side),
         "ESP_HL": 3.6 * (rear - side),
         "ESP_HR": 3.6 * (rear + side),
-        "Gierrate": DEG * d["yaw_rate"],
-        "Querbeschl": d["accel_y"] / G,
+        "Gierrate": DEG_PER_RAD * d["yaw_rate"],
+        "Querbeschl": d["accel_y"] / STANDARD_GRAVITY,
         "Laengsbeschl": d["accel_x"],
     }
     with MDF(version="4.10") as mdf:

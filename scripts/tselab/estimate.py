@@ -33,10 +33,10 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Reading, Result
 
-MAX_STRETCHES = 12  # max number of stretches of road that --verbose prints
+MAX_PRINTED_STRETCHES = 12  # max number of stretches of road that --verbose prints
 MAX_LINES = 12  # max number of printed lines without --verbose
 MAX_EVENTS, MAX_NOTES = 4, 2  # max number of printed events and of printed notes without --verbose
-WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
+OUTPUT_LABELS = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 Files = dict[str, Path | None]
 
 
@@ -294,10 +294,12 @@ def print_all(result: Result, notes: list[str], written: Files) -> None:
         click.echo(f"{'warning' if line in result.cautions else 'note'}: {line}", err=True)
     for line in result.events:
         click.echo(line)
-    for lines in result.stretch_words[:MAX_STRETCHES]:
+    for lines in result.stretch_words[:MAX_PRINTED_STRETCHES]:
         click.echo("\n".join(lines))
-    if len(result.stretch_words) > MAX_STRETCHES:
-        click.echo(f"and {len(result.stretch_words) - MAX_STRETCHES} more stretches, which --report lists")
+    if len(result.stretch_words) > MAX_PRINTED_STRETCHES:
+        click.echo(
+            f"and {len(result.stretch_words) - MAX_PRINTED_STRETCHES} more stretches, which --report lists"
+        )
     print_written(written)
 
 
@@ -334,4 +336,4 @@ def print_written(written: Files) -> None:
     """Print the paths of the written files. None: the file was not written."""
     for what, path in written.items():
         if path is not None:
-            click.echo(f"{WRITTEN[what]} written to {path}")
+            click.echo(f"{OUTPUT_LABELS[what]} written to {path}")

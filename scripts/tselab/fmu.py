@@ -24,7 +24,7 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-EXACT = "vehicle.exact"  # parameter that only the FMU of the estimator has
+EXACT_PARAMETER = "vehicle.exact"  # parameter that only the FMU of the estimator has
 
 
 class FmuParameter(NamedTuple):
@@ -51,7 +51,7 @@ def read_parameters(fmu: Path) -> list[FmuParameter]:
         kind = {"Float64": "Real", "Int32": "Integer"}.get(value.tag, value.tag)
         if variable.get("causality") == "parameter":
             found.append(FmuParameter(variable.get("name", ""), kind, value.get("start", "0")))
-    if EXACT not in [p.name for p in found]:
+    if EXACT_PARAMETER not in [p.name for p in found]:
         raise Error(f"{fmu}: is not the FMU of the estimator: give TireStiffnessEstimator.fmu")
     return found
 
@@ -72,7 +72,7 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     """
     lines = []
     for p in parameters:
-        if p.name == EXACT:
+        if p.name == EXACT_PARAMETER:
             continue  # keeps its start value false, so that the FMU uses the parameters below
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):

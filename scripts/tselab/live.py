@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tse import Live
 
 EACH = 0.25  # [s] time between two updates of the printed estimates
-MAX_DURATION = 86400.0  # [s] max value of --duration
+MAX_LIVE_DURATION = 86400.0  # [s] max value of --duration
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of --rate, the same as in signals.toml
 
 
@@ -178,7 +178,7 @@ def live(
     from tse.files import check_distinct, check_writable
 
     check_range("rate", rate, MIN_RATE, MAX_RATE, "Hz")
-    check_range("duration", duration, 0.1, MAX_DURATION, "s")
+    check_range("duration", duration, 0.1, MAX_LIVE_DURATION, "s")
     age_s = convert_age(age, load_learnt)
     if not databases:
         raise Error("option --database: is missing: give the database that defines the frames of the bus")

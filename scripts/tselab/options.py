@@ -17,21 +17,21 @@ import click
 
 from tse.errors import Error, NoFile
 
-COLUMNS = 100  # max width of the output without --verbose
+MAX_WIDTH = 100  # max width of the output without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
 
 
 def fold(text: str) -> list[str]:
-    """Wrap a text to COLUMNS. Return its lines."""
+    """Wrap a text to MAX_WIDTH. Return its lines."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
-        text, COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        text, MAX_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
 
 
 def fold_all(texts: Iterable[str]) -> list[str]:
-    """Wrap several texts to COLUMNS. Return their lines."""
+    """Wrap several texts to MAX_WIDTH. Return their lines."""
     return [line for text in texts for line in fold(text)]
 
 

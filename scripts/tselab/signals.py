@@ -13,7 +13,7 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-MAX_ROWS = 80  # max number of signals without a proposed channel that are printed without --all
+MAX_LISTED_SIGNALS = 80  # max number of signals without a proposed channel that are printed without --all
 
 
 @click.command()
@@ -104,14 +104,14 @@ def _format_signals(found: Signals, log_path: Path, every: bool) -> str:
     """Return the printed text: a table of the signals, the proposed signals with the
     numbers that support them, missing channels, warnings and notes.
 
-    `every`: list all signals, not only MAX_ROWS of those without a channel."""
+    `every`: list all signals, not only MAX_LISTED_SIGNALS of those without a channel."""
     from tse.tables import text_table
 
     rows = [["signal", "unit", "Hz", "min", "max", "missing", "proposed for"]]
     lines = list(found.to_frame().itertuples())
     shown = lines
-    if not every and len(lines) > MAX_ROWS:
-        shown = [x for x in lines if x.used] + [x for x in lines if not x.used][:MAX_ROWS]
+    if not every and len(lines) > MAX_LISTED_SIGNALS:
+        shown = [x for x in lines if x.used] + [x for x in lines if not x.used][:MAX_LISTED_SIGNALS]
     rows += [
         [x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used]
         for x in shown

@@ -54,7 +54,7 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tse.gaps.fit import fit_parameters
     from tse.gaps.infer.excerpt import choose_excerpt
     from tse.gaps.infer.naming import name_effects
-    from tse.gaps.problem import STIFFNESS, Problem
+    from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
     from tse.gaps.run.workflow import read_logs
     from tse.identify.data import prepare_all
 
@@ -71,7 +71,8 @@ def run(asked: tuple[str, str, float | None]) -> None:
         logs, config = read_logs(sorted(folder.glob("log_*.csv")), read_vehicle(folder / "car.toml"))
         problem = Problem(prepare_all(logs, config), config)
         found = name_effects(
-            choose_excerpt(problem, fit_parameters(problem, STIFFNESS, {})), list(load_catalogue().values())
+            choose_excerpt(problem, fit_parameters(problem, STIFFNESS_PARAMETERS, {})),
+            list(load_catalogue().values()),
         )
     truth = [e["id"] for e in made.truth["effects"]]
     named = {n.effect.id: (n.probability, n.look_alikes) for n in found.named}

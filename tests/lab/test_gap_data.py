@@ -27,7 +27,7 @@ from tse.gaps.infer import excerpt as ex
 from tse.gaps.infer.hypotheses import NAME_AT
 from tse.gaps.infer.naming import Named, name_effects
 from tse.gaps.parallel import is_copy, run_in_processes
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import BURN_IN, prepare, prepare_all, simulate, smooth_values
 from tse.library.core import Config, Replay
@@ -105,7 +105,7 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}
     of_all, of_some = (Problem([log], config) for log in logs[:2])
     for channel in ("accel_y", "yaw_rate"):
-        both = (p.residuals(values)[p.rows.of(channel)] for p in (of_all, of_some))
+        both = (p.compute_residuals(values)[p.rows.of(channel)] for p in (of_all, of_some))
         np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-6)
 
 
@@ -191,7 +191,7 @@ def long_log(tmp_path_factory):
 
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    baseline = fit_parameters(problem, STIFFNESS, {})
+    baseline = fit_parameters(problem, STIFFNESS_PARAMETERS, {})
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.choose_excerpt(problem, baseline)
@@ -208,7 +208,7 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 200.0):
         assert not ex.is_long(problem)
-        assert ex.choose_excerpt(problem, fit_parameters(problem, STIFFNESS, {})) is problem
+        assert ex.choose_excerpt(problem, fit_parameters(problem, STIFFNESS_PARAMETERS, {})) is problem
 
 
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
@@ -256,7 +256,9 @@ class Clean:
         size = {told["parameter"]: times * told["smallest"]}
         (log,), config, rng = self.problem.logs, self.problem.config, np.random.default_rng(HIDE_SEED)
         columns = {"time": log.time} | {k: self.log.data[k].to_numpy(float) for k in log.inputs}
-        hidden = simulate(self.problem.model(size), log, MEASURES, self.problem.stiffness(size), {})
+        hidden = simulate(
+            self.problem.make_config(size), log, MEASURES, self.problem.get_stiffness_ratios(size), {}
+        )
         for c, x in hidden.items():
             bias = getattr(config, f"{c}_bias_sd") * rng.standard_normal()
             columns[c] = x + bias + getattr(config, f"{c}_sd") * rng.standard_normal(len(x))

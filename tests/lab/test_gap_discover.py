@@ -19,7 +19,7 @@ from tse.channels.log import read_log
 from tse.gaps.fit import compute_gap, fit_parameters
 from tse.gaps.infer import formula_search as search
 from tse.gaps.infer import formula_terms as terms
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.gaps.respond import _move_simulation, compute_responses, compute_signals
 from tse.library.core import Config
 
@@ -59,7 +59,7 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
     The linearisation has one step a block, drives straight and couples no directions. It
     only chooses what is simulated.
     """
-    values = fit_parameters(plain, STIFFNESS, {}).values
+    values = fit_parameters(plain, STIFFNESS_PARAMETERS, {}).values
     term = (
         terms.FormulaTerm("accel_x", terms.PULL.unit)
         if place in terms.LONGITUDINAL
@@ -74,8 +74,8 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
         "yaw_rate": 1.0,
     }.get(place, 0.05)
     formula = terms.make_formula(place, term, size)
-    base = plain.residuals(values)
-    exact = plain.residuals(values | formula.settings()) - base
+    base = plain.compute_residuals(values)
+    exact = plain.compute_residuals(values | formula.settings()) - base
     at = compute_signals(plain, values)
     found = compute_responses(
         plain, values, at, place, [size * terms.compute_values(term, s, s["dt"])[:, None] for s in at]
@@ -138,7 +138,7 @@ def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
     k and w must be right within 10 %: several sd of 48 s.
     """
     fitted, held = damped
-    last = fit_parameters(fitted, STIFFNESS, {})
+    last = fit_parameters(fitted, STIFFNESS_PARAMETERS, {})
     found = search.discover_formula(fitted, last, held)
     formula = found.formula
     assert formula is not None and formula.place == "yaw_moment"
@@ -153,8 +153,8 @@ def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
     )
     assert found.share > 0.9
     before, after = (
-        compute_gap(held, held.residuals(last.values)),
-        compute_gap(held, held.residuals(found.values)),
+        compute_gap(held, held.compute_residuals(last.values)),
+        compute_gap(held, held.compute_residuals(found.values)),
     )
     assert before["yaw_rate"] > 2.0 and after["yaw_rate"] < 1.3
     low, high = formula.found["driven_yaw_rate"]
@@ -164,13 +164,13 @@ def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
 
 
 def test_where_nothing_is_missing_no_formula_is_proposed(plain):
-    found = search.discover_formula(plain, fit_parameters(plain, STIFFNESS, {}))
+    found = search.discover_formula(plain, fit_parameters(plain, STIFFNESS_PARAMETERS, {}))
     assert found.formula is None and "No formula is proposed" in found.words[0]
 
 
 def test_what_a_held_out_log_does_not_bear_out_is_not_proposed(damped, plain):
     """The other log is of a car without the damper."""
-    found = search.discover_formula(damped[0], fit_parameters(damped[0], STIFFNESS, {}), plain)
+    found = search.discover_formula(damped[0], fit_parameters(damped[0], STIFFNESS_PARAMETERS, {}), plain)
     assert found.formula is None and found.tried and not any(t["held_out"] for t in found.tried)
 
 
@@ -187,7 +187,7 @@ def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
         return found | {"accel_x": replace(found["accel_x"], ci95=(rise, 2 * rise))}
 
     monkeypatch.setattr(search, "compare_models", worse)
-    found = search.discover_formula(damped[0], fit_parameters(damped[0], STIFFNESS, {}), damped[1])
+    found = search.discover_formula(damped[0], fit_parameters(damped[0], STIFFNESS_PARAMETERS, {}), damped[1])
     assert (found.formula is not None) == stands
 
 

@@ -31,7 +31,7 @@ from tse.gaps.infer.naming import Named, Probability, compute_relevance, convert
 from tse.gaps.infer.remainder import Remainder
 from tse.gaps.infer.search import Around, Search, compute_error_duration, compute_ln_likelihood, judge_set
 from tse.gaps.infer.space import LASTING, Space
-from tse.gaps.problem import STIFFNESS, Problem, Rows
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem, Rows
 from tse.gaps.run import workflow
 from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, prepare
 from tse.identify.fit import measure_scales
@@ -68,15 +68,15 @@ class Linear:
         }
         return sum(numbers[k] * c for k, c in self.columns.items())
 
-    def residuals(self, values: dict[str, float]) -> np.ndarray:
+    def compute_residuals(self, values: dict[str, float]) -> np.ndarray:
         left = self.measured - self.predict(values)
         return left - left.mean()
 
-    def jacobian(
+    def compute_jacobian(
         self, values: dict[str, float], base: np.ndarray, parameters: list[CatalogueParameter], reach: float
     ) -> np.ndarray:
         by = {p.name: 1e-6 * p.scale for p in parameters}
-        moved = [self.residuals(values | {n: values[n] + h}) for n, h in by.items()]
+        moved = [self.compute_residuals(values | {n: values[n] + h}) for n, h in by.items()]
         return np.column_stack(
             [(m - base) / h for m, h in zip(moved, by.values(), strict=True)] or [np.zeros((N, 0))]
         )
@@ -133,7 +133,7 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
         ours = j.evidence
         for e in j.effects:  # a normal stands for the size's prior while it is fitted
             value, at = j.values[problem.effect.name], j.space.names.index(problem.effect.name)
-            ours -= e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[at])
+            ours -= e.odds + e.compute_ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[at])
         assert ours == pytest.approx(exact, abs=0.05)
 
 
@@ -146,7 +146,7 @@ def test_slopes_of_one_fit_have_the_evidence_of_another_set() -> None:
     assert Around(nothing).judge(with_it.ids).evidence == pytest.approx(with_it.evidence, abs=0.1)
     there = Around(nothing).judge(with_it.ids)
     assert there.values["mass_change"] == pytest.approx(with_it.values["mass_change"], rel=1e-3)
-    assert there.sd()["mass_change"] == pytest.approx(with_it.sd()["mass_change"], rel=1e-3)
+    assert there.compute_sd()["mass_change"] == pytest.approx(with_it.compute_sd()["mass_change"], rel=1e-3)
 
 
 def test_a_search_names_what_is_there_and_nothing_else() -> None:
@@ -169,7 +169,7 @@ def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
     a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
     a = a - a.mean(axis=0)
     y = problem.measured - problem.measured.mean()
-    fold = (problem.time // folds.PIECE).astype(int) % folds.FOLDS
+    fold = (problem.time // folds.FOLD_PIECE_TIME).astype(int) % folds.FOLDS
     sd, left = j.fit.scales["accel_y"].sd, 0.0
     for k in np.unique(fold):
         rows = fold != k
@@ -184,7 +184,7 @@ def make_large_set(*ids: str) -> SimpleNamespace:
     effects = [SimpleNamespace(id=i, effect=load_catalogue()[i]) for i in ids]
     strengths = [p for h in effects for p in h.effect.strengths]
     values, sd = ({p.name: share * p.scale for p in strengths} for share in (1.0, 0.01))
-    return SimpleNamespace(effects=effects, values=values, sd=lambda: sd)
+    return SimpleNamespace(effects=effects, values=values, compute_sd=lambda: sd)
 
 
 def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
@@ -193,7 +193,7 @@ def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
     (p,) = one.effects[0].effect.strengths
     drawn = np.random.default_rng(0).standard_normal(1_000_000)
     for size, sd in ((1.0, 0.5), (0.5, 0.3), (-1.2, 1.0), (3.0, 0.1)):  # of what is negligible
-        one.values[p.name], one.sd()[p.name] = size * p.negligible, sd * p.negligible
+        one.values[p.name], one.compute_sd()[p.name] = size * p.negligible, sd * p.negligible
         assert compute_relevance(one, one.effects[0]) == pytest.approx(
             np.mean(np.abs(size + sd * drawn) > 1.0), abs=0.002
         )
@@ -207,7 +207,7 @@ def test_effects_that_share_the_probability_are_each_others_look_alikes() -> Non
     sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
     known = {frozenset(k): make_large_set(*k) for k in sets}
     search = SimpleNamespace(
-        probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, all=lambda: known
+        compute_probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, list_judged=lambda: known
     )
     found = Probability(search, frozenset(("yaw_inertia",)))
     assert found.of_class("yaw_inertia") == pytest.approx(0.96)
@@ -247,7 +247,7 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
     effects = apply_priors(read_vehicle(path))
     heavy = next(h for h in make_hypotheses(effects) if h.id == "mass")
     for size in (0.0, -0.15):
-        assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
+        assert heavy.compute_ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
     logs = [
         write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k)
         for k, d in enumerate(("sweep", "steps"))
@@ -310,15 +310,15 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
         "imu_delay_time": -0.01,
         "accel_y_latency": 0.02,
     }
-    given = late.residuals(values)
+    given = late.compute_residuals(values)
     late.fixed = values
     try:
-        assert np.array_equal(late.residuals({}), given)
+        assert np.array_equal(late.compute_residuals({}), given)
         (moved,) = late.predict_all([{"cy_front": 0.8}])
     finally:
         late.fixed = {}
     assert np.array_equal(moved, late.predict(values | {"cy_front": 0.8}))
-    assert not np.allclose(late.residuals({}), given)
+    assert not np.allclose(late.compute_residuals({}), given)
 
 
 def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
@@ -329,7 +329,7 @@ def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
 
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
     names = {p.name for e in make_latencies() for p in e.parameters} | {"steering_delay_time"}
-    assert late.model(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
+    assert late.make_config(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
         "stiffness_drift_time": late.nominal["stiffness_drift_time"]
     }
 
@@ -493,10 +493,10 @@ def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3
     )
     problem = make_problem(vehicle, log)
-    keys = [p.name for p in STIFFNESS]
+    keys = [p.name for p in STIFFNESS_PARAMETERS]
 
     def left(x: np.ndarray) -> float:
-        e = problem.residuals(dict(zip(keys, np.exp(x), strict=True)))
+        e = problem.compute_residuals(dict(zip(keys, np.exp(x), strict=True)))
         return float(e @ e)
 
     best = minimize(
@@ -663,5 +663,5 @@ def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: P
     idle = CatalogueParameter(
         "formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere"
     )
-    found = gap_fit(problem, [*STIFFNESS, idle], {})
+    found = gap_fit(problem, [*STIFFNESS_PARAMETERS, idle], {})
     assert all(np.isfinite(v) for v in found.values.values())

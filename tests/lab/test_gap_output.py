@@ -16,7 +16,7 @@ import pytest
 from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, write_car, write_log
 from tse.car.vehicle import make_filter_values, read_vehicle
-from tse.gaps.run.output import COLUMNS
+from tse.gaps.run.output import RESIDUAL_COLUMNS
 from tse.library.core import Config, library
 from tse.log.rows import MEASURES
 from tse.report.report import read_figures
@@ -197,7 +197,7 @@ def test_header_and_vehicle_are_the_same_bytes_again(case):
 
 def test_residuals_are_measured_less_predicted_over_noise(case):
     table = pd.read_parquet(case.out / "residuals.parquet")
-    assert tuple(table.columns) == COLUMNS
+    assert tuple(table.columns) == RESIDUAL_COLUMNS
     assert set(table["log"]) == {"sweep", "brakes", "held"} and set(table["channel"]) == set(MEASURES)
     assert set(table.loc[table["part"] == "held_out", "log"]) == {"held"}
     for when in ("before", "after"):

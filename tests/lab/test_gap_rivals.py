@@ -62,7 +62,7 @@ def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
         np.exp(compute_name_price("body_roll"))
     )
     assert w.with_name("mass") == pytest.approx(1.0)
-    assert w.best() is w.known[0]
+    assert w.find_best() is w.known[0]
 
 
 def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
@@ -86,8 +86,8 @@ def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
     empty = make_naming(10.0)
     w = make_worlds((make_naming(2.0, *names),), (empty, make_formula_result(2.5, 5)))
     assert w.with_name("mass") < NAME_AT
-    assert w.best() is w.known[1]
-    assert w.best().text == "k*x"
+    assert w.find_best() is w.known[1]
+    assert w.find_best().text == "k*x"
 
 
 def test_one_name_that_closes_as_much_as_a_formula_stands():
@@ -107,14 +107,14 @@ def test_a_formula_beside_a_name_is_asked_with_both_prices():
         (make_naming(10.0),),
         (make_naming(10.0), make_formula_result(3.0, 5)),
     )
-    assert w.best() is w.known[1]
+    assert w.find_best() is w.known[1]
     assert w.with_name("body_roll") > 0.99
 
 
 def test_held_out_logs_count_as_much_as_those_that_were_fitted():
     """A formula that does nothing for other logs is worth half the nats."""
     other = make_one_log_problem()
-    other.residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
+    other.compute_residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
     nothing = make_naming(1.3)
     nothing.final.values = {"rms": 1.3}
     works, fails = make_formula_result(1.0, 5), make_formula_result(1.0, 5)
@@ -123,15 +123,15 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted():
     for d in (None, works, fails):
         w.add(nothing, nothing.final, d)
     w.weigh()
-    assert w.best() is w.known[1]
+    assert w.find_best() is w.known[1]
     assert w.known[2].probability < 1e-6
 
 
 def test_nothing_is_a_world_too():
     """Neither names nor a formula closed anything, so there is no other world."""
     w = make_worlds((make_naming(9.0),))
-    assert w.best() is w.known[0]
-    assert w.best().probability == 1.0
+    assert w.find_best() is w.known[0]
+    assert w.find_best().probability == 1.0
 
 
 def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):

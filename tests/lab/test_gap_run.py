@@ -21,7 +21,7 @@ from tse.gaps.catalogue import load_catalogue
 from tse.gaps.drives import make_candidates, prepare_candidate
 from tse.gaps.fit import fit_parameters
 from tse.gaps.infer.naming import Naming
-from tse.gaps.problem import STIFFNESS as PARAMETERS
+from tse.gaps.problem import STIFFNESS_PARAMETERS as PARAMETERS
 from tse.gaps.problem import Problem
 from tse.gaps.run import add, workflow
 from tse.gaps.run import plan as planning
@@ -91,7 +91,7 @@ def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
     assert len({c.name for c in candidates}) == len(candidates) > 30
     for c in candidates:
         problem = Problem(prepare_candidate(c, config), config)
-        ay = problem.channels({}, ("accel_y",))["accel_y"]
+        ay = problem.simulate_channels({}, ("accel_y",))["accel_y"]
         assert np.all(np.isfinite(ay)) and np.max(np.abs(ay)) < 9, c.name
         if "straight" in c.name:
             assert np.max(np.abs(ay)) < 1e-6, c.name
@@ -222,10 +222,10 @@ def test_what_no_log_shows_and_what_may_be_missing_instead_is_in_the_interval(ca
         for car, s in ((light, None), (heavy, None), (light, spread))
     ]
     for i, key in enumerate(NOMINAL):
-        alone, scaled, shared = (k.sd(key) / found.values[key] for k in known)
+        alone, scaled, shared = (k.compute_sd(key) / found.values[key] for k in known)
         assert scaled == pytest.approx(np.hypot(alone, 0.08)), key
         assert shared == pytest.approx(np.hypot(alone, np.sqrt(spread[i, i]))), key
-    assert known[1].uncertainty(heavy)["mass_sd"] == 0.08
+    assert known[1].make_uncertainty(heavy)["mass_sd"] == 0.08
 
 
 def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
@@ -238,14 +238,14 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
     )
     assert set(narrow.names) == set(STIFFNESS) < set(wide.names)
     for key, true in STIFFNESS.items():
-        assert wide.sd(key) > narrow.sd(key)
-        assert abs(found.values[key] - true) < 3 * wide.sd(key)
+        assert wide.compute_sd(key) > narrow.compute_sd(key)
+        assert abs(found.values[key] - true) < 3 * wide.compute_sd(key)
     written = read_vehicle(improved)
     start = make_prior(written, Config.exact(written.values))
     for key in NOMINAL:
         k = start.names.index(key)
         assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(
-            wide.sd(key) / found.values[key], rel=1e-6
+            wide.compute_sd(key) / found.values[key], rel=1e-6
         )
 
 
@@ -289,7 +289,7 @@ def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
     assert found.values["cx_front"] < 0.7 * STIFFNESS["cx_front"]
     mean, sd = estimate_longitudinal(problem.config, found.values, [log], car)
     assert known.stiffness["cx_front"] == pytest.approx(np.exp(mean)) and sd > 0.3
-    assert known.sd("cx_front") == pytest.approx(np.hypot(sd, car.values["mass_sd"]) * np.exp(mean))
+    assert known.compute_sd("cx_front") == pytest.approx(np.hypot(sd, car.values["mass_sd"]) * np.exp(mean))
     assert known.stiffness["cy_front"] == found.values["cy_front"]
 
 
@@ -299,7 +299,7 @@ def test_an_exactly_known_car_stays_so(case):
     exact.values |= dict.fromkeys(
         (k for k in exact.values if k in Config.exact().fields and k.endswith("_sd")), 0.0
     )
-    assert set(compute_posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
+    assert set(compute_posterior(problem, found, exact, {}).make_uncertainty(exact).values()) == {0.0}
 
 
 def test_the_estimator_is_better_and_valid_on_a_drive_that_nobody_fitted(case):

@@ -15,7 +15,7 @@ from gap_logs import STIFFNESS, make_problem, write_car, write_log
 from tse.gaps.fit import fit_parameters
 from tse.gaps.infer import where
 from tse.gaps.infer.remainder import is_noise, remove_spikes, remove_walk
-from tse.gaps.problem import STIFFNESS as PARAMETERS
+from tse.gaps.problem import STIFFNESS_PARAMETERS as PARAMETERS
 from tse.identify.data import BLOCK_TIME
 from tse.library.core import Config
 
@@ -84,7 +84,7 @@ def make_disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
     problem, baseline = clean
     rng = np.random.default_rng(7)
     residuals = rng.standard_normal(len(baseline.residuals)) + baseline.jacobian @ [0.02, -0.03, 0.02]
-    speed = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
+    speed = problem.average_quantity("wheel_speed_front") * problem.config.wheel_radius_front
     for i in range(len(problem.logs)):
         ay_rows = (problem.rows.log == i) & problem.rows.of("accel_y")
         r_rows = (problem.rows.log == i) & problem.rows.of("yaw_rate")
@@ -120,7 +120,7 @@ def test_what_follows_the_steering_is_not_the_road(clean):
     A bank of the road does not.
     """
     problem, baseline = clean
-    turning = problem.channels(baseline.values, ("accel_y",))["accel_y"]
+    turning = problem.simulate_channels(baseline.values, ("accel_y",))["accel_y"]
 
     def roll(i, n, rng):
         ay = turning[(problem.rows.log == i) & problem.rows.of("accel_y")]

@@ -241,7 +241,7 @@ def test_grey_is_neither_observable_nor_unobservable(still):
 
 def test_regressors_are_what_the_accelerometer_feels():
     quiet = {"noise": 1.0, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = drive_case(replace(studies.NOMINAL, build=studies._make_square_waves(5.0), sim=quiet))
+    d = drive_case(replace(studies.NOMINAL_CASE, build=studies._make_square_waves(5.0), sim=quiet))
     phi, use = scores.compute_regressors(d)
     c, steer = d.config, d.truth["steer_angle"]
     x, y = c.accel_x_sd * phi[:, 0], c.accel_y_sd * phi[:, 1:].sum(axis=1)
@@ -319,7 +319,7 @@ def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
 def test_reverse_drives_backwards_and_is_logged_so():
     d = drive_case(studies.make_study("stress", ("reverse",)).cases[0])
     assert d.truth["true_vel_x"].min() < -2.5 and d.rows["wheel_speed_front"].min() < -5
-    assert np.isinf(scores.find_knowable(d, studies.NOMINAL).best_sd[d.truth["true_vel_x"] < -0.5]).all()
+    assert np.isinf(scores.find_knowable(d, studies.NOMINAL_CASE).best_sd[d.truth["true_vel_x"] < -0.5]).all()
 
 
 def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
@@ -345,7 +345,7 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
         [1, 1 - 0.1 + 0.01 / 3, 1 / 3, 1 / 6]
     )
     quiet = {"noise": 1.0, "friction": 0.9, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = drive_case(replace(studies.NOMINAL, sim=quiet))
+    d = drive_case(replace(studies.NOMINAL_CASE, sim=quiet))
     phi, use = scores.compute_regressors(d)
     c, rows = d.car, slice(1500, 3000)
     force_y = (c.accel_y_sd * phi[:, 1:] * scores.compute_grip(use)).sum(
@@ -355,7 +355,7 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
     assert d.truth["true_accel_y"][rows] == pytest.approx(
         (force_y + x * d.truth["steer_angle"])[rows], abs=0.03
     )
-    level = scores.find_knowable(d, studies.NOMINAL).level[rows]
+    level = scores.find_knowable(d, studies.NOMINAL_CASE).level[rows]
     assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[
         :, 1
     ].mean()  # drive and steering in front

@@ -17,7 +17,7 @@ from tse.log.rows import DRIVES, MEASURES, list_columns
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
 from tselab.montecarlo import peers
-from tselab.montecarlo.case import START
+from tselab.montecarlo.case import INITIAL_SETTINGS
 
 KINDS = ("ekf", "known")
 SPREAD = 0.05  # of SimConfig
@@ -59,7 +59,7 @@ def drive(
     forgetting: float = 0.99,
 ) -> Drive:
     """Simulate a drive; low: slip of half a per cent, steering of 0.005 rad."""
-    config = Config.exact({**START, "sample_time": dt, **(settings or {})})
+    config = Config.exact({**INITIAL_SETTINGS, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
     if low:
         maneuver.wheel_torque_front = maneuver.wheel_torque_front * 250 / 700
@@ -217,7 +217,7 @@ def test_estimates_equal_weighted_least_squares_over_the_whole_window(monkeypatc
     channels. The remaining curvature is of that order. Steps are short, since the sd of
     vel_x is less than a thousandth of a millimetre per second here.
     """
-    monkeypatch.setattr(peers, "STEP", 0.02)
+    monkeypatch.setattr(peers, "MAX_STEP_PRODUCT", 0.02)
     window, rng = Window(1e-4), np.random.default_rng(5)
     use = np.ones((window.ROWS, 3), bool)
     use[0, 2] = False  # the filters start from the first yaw rate

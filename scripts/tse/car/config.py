@@ -30,7 +30,7 @@ FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
 # filter -> how messages name the forms that select it
-FORMS = {"default": "form default", "paper": "form robust or paper"}
+FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
@@ -157,7 +157,9 @@ def check_effect(names: Collection[str], config: Config) -> None:
     for name in config.changed():
         use = library().settings[name]
         if name in names and use.table in TUNING and use.filter not in ("both", filter_of(config)):
-            raise SettingError(f"{name} has no effect with this form: it belongs to {FORMS[use.filter]}")
+            raise SettingError(
+                f"{name} has no effect with this form: it belongs to {FORM_PHRASES[use.filter]}"
+            )
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:

@@ -129,7 +129,7 @@ SLOW_ROWS = 20
 MAX_TIME_RATIO = 3.0
 # [1] max share of the pieces of a log that contradict a mistake found in the whole log
 MAX_ODD_SHARE = 0.2
-PIECE_TIME = 20.0  # [s] long enough to contain bends and changes of speed
+COMPARED_PIECE_TIME = 20.0  # [s] long enough to contain bends and changes of speed
 # [rows] 87 minutes at 100 Hz. Noise and units of a longer log are found from its part
 # with the most motion.
 MAX_CHECKED_ROWS = 1 << 19
@@ -344,7 +344,7 @@ def _holds_throughout(
     same way, but only in a part of it."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
-    count = round(PIECE_TIME * physics.COMPARISON_RATE)
+    count = round(COMPARED_PIECE_TIME * physics.COMPARISON_RATE)
     with_it = without = 0.0
     for first in range(0, len(v) - count // 2, count):
         part = {name: x[first : first + count] for name, x in d.items()}

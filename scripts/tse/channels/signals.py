@@ -14,7 +14,7 @@ from tse.log.units import parse_unit, unit_factor
 from tse.readers.recording import ReadOptions
 
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of the rate of the rows
-MAX_LATENCY = 1.0  # [s] max latency of a signal
+MAX_SIGNAL_LATENCY = 1.0  # [s] max latency of a signal
 MAX_CLOCK = 4e9  # [s] max difference of clocks: some count from 1970, some from the start
 LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 SIGNAL_KEYS = (
@@ -28,7 +28,7 @@ NUMBER_RANGES = {  # key -> min, max, unit
     # pressure above which the car brakes, in the unit of the signal
     "above": (-1e6, 1e6, ""),
     # delay from a measurement to its time in the log
-    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),
+    "latency": (-MAX_SIGNAL_LATENCY, MAX_SIGNAL_LATENCY, "s"),
     # time by which the clock of its group is ahead of the other clocks
     "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }

@@ -34,12 +34,12 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MAX_STRETCHES = 2  # stretches of road in the answer: the last ones, if the road changed
+MAX_ANSWER_STRETCHES = 2  # stretches of road in the answer: the last ones, if the road changed
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last MAX_STRETCHES stretches of road. If there
-    are several stretches, a title precedes the lines of each.
+    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road.
+    If there are several stretches, a title precedes the lines of each.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness shown is
     that of the driven axle, because the log measures it there.
@@ -47,12 +47,12 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
     lines = []
-    left_out = len(found) - MAX_STRETCHES
+    left_out = len(found) - MAX_ANSWER_STRETCHES
     if left_out > 0:
         lines.append(
             f"{left_out} earlier stretch{'es' if left_out > 1 else ''} of road: --verbose, or the report"
         )
-    for finding in found[-MAX_STRETCHES:]:
+    for finding in found[-MAX_ANSWER_STRETCHES:]:
         if finding.title:
             lines.append(f"{finding.title}:")
         of_key = {v.key: v for v in finding.verdicts}

@@ -37,12 +37,12 @@ from tse.library.core import (
 )
 from tse.library.errors import UserError
 from tse.library.files import is_parquet, write_atomically
+from tse.log.clock import DAY
 from tse.log.rows import MEASURES, CheckedLog
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DAY = 86400.0  # [s]
 MAX_LEARNT = 1 << 16  # [bytes] read at most of a file; every learnt state is shorter
 
 
@@ -221,7 +221,7 @@ def _make_arrow(column: Any) -> pa.Array:
 # ---- the filter over a log
 
 
-CHUNK = 64  # rows after which Ctrl-C is checked and the progress bar is updated
+ROWS_AT_A_TIME = 64  # rows after which Ctrl-C is checked and the progress bar is updated
 BLOCK = 2048  # rows that are in memory with all their columns at one time
 MAX_SUMMARY = 1 << 19  # rows of a summary: 87 minutes at 100 Hz. Of longer logs every n-th row is kept
 GROUP = 4 * BLOCK  # rows of a row group in a Parquet file
@@ -426,7 +426,7 @@ def _run_filter(
             rows = log.rows(done, done + BLOCK)
             outputs, first = filter_.outputs(len(rows)), 0
             while first < len(rows) and not stopped():
-                last = min(first + CHUNK, len(rows))
+                last = min(first + ROWS_AT_A_TIME, len(rows))
                 filter_.step_into(rows, outputs, first, last)
                 bar.update(last - first)
                 first = last
@@ -514,7 +514,7 @@ SUMMARY: dict[str, type | None] = {
     **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd", "lag_steer"), np.float32),
     f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
-    **regimes.COLUMNS,
+    **regimes.EVENT_COLUMNS,
     "fault_factor": np.float32,
 }
 

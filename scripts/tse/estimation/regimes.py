@@ -1,7 +1,7 @@
 """Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults
 of a channel, sliding wheels. Find the stretches of road between the changes.
 
-If a table lacks the columns of COLUMNS, there are no events, and the whole drive
+If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive
 is one stretch."""
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
 # Regimes that are reported as intervals of time
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
 # Columns that events are found in, each with the smallest type that holds its values
-COLUMNS: dict[str, type] = {
+EVENT_COLUMNS: dict[str, type] = {
     **dict.fromkeys(SPELLS, np.float32),
     "estimate_age": np.float32,
     "fault_channel": np.int8,
@@ -40,10 +40,10 @@ COLUMNS: dict[str, type] = {
 }
 # Columns from which the sd of the ratio of a change is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
-LIKELY = 0.9  # min probability of a reported event
+MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
 # [s] Changes that lie no further apart are one change, and intervals of the same event
 # that lie no further apart are joined.
-MAX_GAP = 0.5
+MAX_JOINED_GAP = 0.5
 MIN_CHANGE = 0.05  # [1] relative change of stiffness; smaller changes are not reported
 MIN_STRETCH = 2.0  # [s] a shorter stretch is joined to a neighbour
 CREEP = 0.01  # [1/s] drift of an estimate that is no change yet, as a share of the following change
@@ -134,10 +134,10 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
     Each row reports the age of the last change that the filter has detected. Rows whose
-    reported times differ by at most MAX_GAP report the same change; its kind and ratios
-    are those of the last such row. A change is left out if its probability is below
-    LIKELY both in the median and in the last of its rows, or if it changes no stiffness
-    by more than MIN_CHANGE.
+    reported times differ by at most MAX_JOINED_GAP report the same change; its kind and
+    ratios are those of the last such row. A change is left out if its probability is
+    below MIN_EVENT_PROBABILITY both in the median and in the last of its rows, or if it
+    changes no stiffness by more than MIN_CHANGE.
 
     The filter detects a change some time after it began. In between, the estimates may
     already have followed it. _find_begin() finds the begin."""
@@ -146,20 +146,20 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     time, kind = estimate_times(table), table["change_kind"].to_numpy()
     rows = np.flatnonzero(kind > 0)
     at = time[rows] - table["change_age"].to_numpy()[rows]
-    edges = np.flatnonzero(np.abs(np.diff(at)) > MAX_GAP) + 1
+    edges = np.flatnonzero(np.abs(np.diff(at)) > MAX_JOINED_GAP) + 1
     reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
     for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
         if not len(mine):
             continue
         middle = float(np.median(when))
-        if reports and abs(reports[-1][0] - middle) <= MAX_GAP:
+        if reports and abs(reports[-1][0] - middle) <= MAX_JOINED_GAP:
             mine = np.concatenate([reports.pop()[1], mine])
         reports.append((middle, mine))
-    columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
+    columns = {name: table[name].to_numpy() for name in table if name in EVENT_COLUMNS or name in SDS}
     found: list[Change] = []
     for when, mine in reports:
         c = _make_change(columns, time, when, mine, float(found[-1].believed or 0.0) if found else -np.inf)
-        if not c.probability < LIKELY and (
+        if not c.probability < MIN_EVENT_PROBABILITY and (
             not c.ratio or any(abs(ratio - 1) > MIN_CHANGE for ratio, _ in c.ratio.values())
         ):
             found.append(c)
@@ -238,7 +238,7 @@ def find_spells(table: pd.DataFrame) -> list[Spell]:
         if column not in table:
             continue
         p = table[column].to_numpy()
-        likely = p >= LIKELY
+        likely = p >= MIN_EVENT_PROBABILITY
         if column == "p_fault" and "fault_channel" in table:
             channel = _fill_names(table["fault_channel"].to_numpy(), find_spans(time, likely))
             for number in np.unique(channel[likely]).tolist():
@@ -263,11 +263,11 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
 
 def find_spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
     """Return the first row and the row after the last of each run of rows for which
-    `where` is True. Runs that lie at most MAX_GAP apart are joined."""
+    `where` is True. Runs that lie at most MAX_JOINED_GAP apart are joined."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        bridged = found and time[first] - time[found[-1][1] - 1] <= MAX_GAP
+        bridged = found and time[first] - time[found[-1][1] - 1] <= MAX_JOINED_GAP
         found.append((found.pop()[0] if bridged else first, after))
     return found
 

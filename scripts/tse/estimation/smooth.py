@@ -13,7 +13,7 @@ import pandas as pd
 
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
-STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
+SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
 # Min share of a row's variance that later rows can reduce. The remaining part, which no
 # row reduces, is known only at the end of the log and may exceed the variance of an
 # earlier row.
@@ -109,7 +109,9 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     so it does not shrink with the number of rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
-    last = used[np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / STEP), append=np.inf))]
+    last = used[
+        np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / SMOOTHING_STEP), append=np.inf))
+    ]
     time, mean, sd = (rows[name].to_numpy()[last].astype(float) for name in ("time", key, f"{key}_sd"))
     if not len(time):
         return float("nan"), float("nan")

@@ -10,7 +10,7 @@ import pandas as pd
 
 from tse.estimation import regimes
 from tse.estimation.regimes import (
-    LIKELY,
+    MIN_EVENT_PROBABILITY,
     Change,
     Stretch,
     estimate_times,
@@ -73,7 +73,7 @@ MIN_UNCERTAIN = 0.02
 # another logger or signal was used.
 UNLIKELY = 3.0
 MIN_VALID = 0.005  # min share of valid rows; with fewer of them a stiffness is not valid
-DEGREE = 180 / np.pi
+DEG_PER_RAD = 180 / np.pi
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,7 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
     if "p_fault" in table:  # at standstill the reason is "held" even if the fault persists
-        off |= table["p_fault"].to_numpy() >= LIKELY
+        off |= table["p_fault"].to_numpy() >= MIN_EVENT_PROBABILITY
     changes = regimes.find_changes(table)
     if len(changes) >= MANY_CHANGES and len(changes) * CHANGE_INTERVAL > (
         seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
@@ -511,7 +511,7 @@ def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None
-    angle, sd = (DEGREE * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
+    angle, sd = (DEG_PER_RAD * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
     at = int(np.argmax(np.abs(angle) - 1.96 * sd))
     time = float(estimate_times(table)[rows[at]])
     text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"

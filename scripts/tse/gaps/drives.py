@@ -21,8 +21,8 @@ from tse.library.core import Config, Replay
 from tse.log.rows import DRIVES, MEASURES
 from tse.simulation.maneuvers import compute_understeer, make_square
 
-STEP = 0.01  # [s] time between the rows of a planned log
-DURATION = 30.0  # [s] duration of a manoeuvre
+PLANNED_STEP = 0.01  # [s] time between the rows of a planned log
+MANEUVER_TIME = 30.0  # [s] duration of a manoeuvre
 HAND = 0.06  # [s] sd of the Gaussian that smooths a step, which a driver cannot steer infinitely fast
 ROUNDS = 3  # iterations between wheel speeds and lateral motion, which depend on each other
 
@@ -38,7 +38,7 @@ class Candidate:
 
     @property
     def seconds(self) -> float:
-        return sum(STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
+        return sum(PLANNED_STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
 
 
 def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]:
@@ -46,15 +46,15 @@ def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]
     measurements are zeros, which Problem.measure() replaces.
     """
     logs = []
-    rows = round(BLOCK_TIME / STEP)
+    rows = round(BLOCK_TIME / PLANNED_STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
         n = len(steer) // rows * rows
-        time = STEP * np.arange(n)
+        time = PLANNED_STEP * np.arange(n)
         inputs = {"steer_angle": steer[:n]} | _compute_wheel_speeds(config, steer[:n], speed[:n])
         assert set(inputs) == set(DRIVES)
         used = time >= BURN_IN
         noise = {c: getattr(config, f"{c}_sd") for c in MEASURES}
-        distance = np.append(0.0, cumulative_trapezoid(speed[:n], dx=STEP))
+        distance = np.append(0.0, cumulative_trapezoid(speed[:n], dx=PLANNED_STEP))
         measured = {c: np.zeros(n) for c in MEASURES}
         name = Path(f"{candidate.name} {i + 1}")
         logs.append(
@@ -76,16 +76,21 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
     for _ in range(ROUNDS):
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
         steered = (
-            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, STEP)
+            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)
         ) / length  # N, across the front wheels
-        force = c.mass * (np.gradient(speed, STEP) - across * turning) + share * steered * np.sin(steer)
+        force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + share * steered * np.sin(
+            steer
+        )
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {
             "wheel_speed_front": front * (1.0 + slip) / c.wheel_radius_front,
             "wheel_speed_rear": speed * (1.0 + slip) / c.wheel_radius_rear,
         }
         model = Replay(
-            ("vel_y", "true_yaw_rate", "accel_y"), dt=np.full(len(steer), STEP), steer_angle=steer, **wheels
+            ("vel_y", "true_yaw_rate", "accel_y"),
+            dt=np.full(len(steer), PLANNED_STEP),
+            steer_angle=steer,
+            **wheels,
         )
         across, turning, side = model.run(c).values()
     return wheels
@@ -97,8 +102,8 @@ def make_candidates(config: Config) -> list[Candidate]:
 
 
 def _generate_candidates(c: Config) -> Iterator[Candidate]:
-    t = np.arange(round(DURATION / STEP) + 1) * STEP
-    short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
+    t = np.arange(round(MANEUVER_TIME / PLANNED_STEP) + 1) * PLANNED_STEP
+    short = np.arange(round(0.5 * MANEUVER_TIME / PLANNED_STEP) + 1) * PLANNED_STEP
 
     def steady(v: float, ay: float) -> float:
         """Return the steering angle at which the nominal car, driven steadily at the
@@ -119,7 +124,7 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
 
     def steps(time: np.ndarray, v: float, ay: float) -> np.ndarray:
         level = np.array([0.0, 1.0, 0.0, -1.0])[(time // 2.0).astype(int) % 4]
-        return gaussian_filter1d(steady(v, ay) * level, HAND / STEP)
+        return gaussian_filter1d(steady(v, ay) * level, HAND / PLANNED_STEP)
 
     def ramp(time: np.ndarray, v: float, ay: float) -> np.ndarray:
         return steady(v, ay) * np.interp(
@@ -130,8 +135,8 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
         """Return the speed during alternating braking and acceleration by `depth`, with
         the mean v.
         """
-        acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / STEP)
-        speed = v + cumulative_trapezoid(acceleration, dx=STEP, initial=0.0)
+        acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / PLANNED_STEP)
+        speed = v + cumulative_trapezoid(acceleration, dx=PLANNED_STEP, initial=0.0)
         return np.maximum(speed - speed.mean() + v, 3.5)
 
     for v in (10.0, 20.0, 30.0):
@@ -153,7 +158,7 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
         turn = steady(v, 3.0) * make_square(t, 12.0)
         yield Candidate(
             f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
-            ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),),
+            ((gaussian_filter1d(turn, 10 * HAND / PLANNED_STEP), pulses(t, v, 3.0)),),
         )
         yield Candidate(f"straight on at {v:g} m/s", ((straight(t), at(v)(t)),))
     for name, steer in (
@@ -162,7 +167,7 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
     ):
         pieces = tuple((steer(short, v, 3.0 if steer is sweep else 4.0), at(v)(short)) for v in (10.0, 30.0))
         yield Candidate(f"{name}, half at 10 and half at 30 m/s", pieces)
-    tight = gaussian_filter1d(0.3 * make_square(t, 10.0), 10 * HAND / STEP)
+    tight = gaussian_filter1d(0.3 * make_square(t, 10.0), 10 * HAND / PLANNED_STEP)
     yield Candidate("tight turns of 0.3 rad at 5 m/s", ((tight, at(5.0)(t)),))
     speeds = 10.0 + 20.0 * t / t[-1]
     yield Candidate("straight on from 10 to 30 m/s", ((straight(t), speeds),))

@@ -60,13 +60,13 @@ def fit_parameters(
     last: dict[str, np.ndarray] = {}
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        last["x"], last["r"] = x.copy(), problem.residuals(values(x))
+        last["x"], last["r"] = x.copy(), problem.compute_residuals(values(x))
         return np.append(last["r"], ((x - default) * prior)[known])
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         if not np.array_equal(last.get("x"), x):
             residuals(x)
-        return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
+        return np.vstack([problem.compute_jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
     # Parameters without influence on the residuals cause divisions by zero.
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -23,7 +23,7 @@ from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
 from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
-STIFFNESS = tuple(
+STIFFNESS_PARAMETERS = tuple(
     CatalogueParameter(
         name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
     )
@@ -183,7 +183,7 @@ class Problem:
         """The measurements, one for each entry of the residual vector. NaN if missing."""
         return np.where(self.weight > 0, self._measured, np.nan)
 
-    def quantity(self, name: str) -> np.ndarray:
+    def average_quantity(self, name: str) -> np.ndarray:
         """Return an input or a measurement as block means, one for each entry of
         the residual vector.
         """
@@ -196,20 +196,21 @@ class Problem:
 
     # ---- residuals
 
-    def model(self, values: Mapping[Key, float]) -> Config:
+    def make_config(self, values: Mapping[Key, float]) -> Config:
         """Return the settings of the simulation with these values of the effects.
-        Stiffness and latencies are not settings here: see stiffness() and later().
+        Stiffness and latencies are not settings here: see get_stiffness_ratios() and
+        get_latencies().
         """
         values = drop_log_values(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *list_signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
-    def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
+    def get_stiffness_ratios(self, values: Mapping[Key, float]) -> dict[str, float]:
         """Return the ratio of each stiffness to that of the vehicle file."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
-    def later(self, values: Mapping[Key, float]) -> dict[str, float]:
+    def get_latencies(self, values: Mapping[Key, float]) -> dict[str, float]:
         """Return the latencies of channels in addition to those of the vehicle file, s.
 
         The delays of steering and IMU are treated as latencies of the input
@@ -233,7 +234,7 @@ class Problem:
         }
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
-    def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
+    def interpolate_profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
         """Return bank and grade along a log, interpolated linearly between the values of
         their profiles. Profiles that are 0 are left out.
         """
@@ -251,10 +252,15 @@ class Problem:
         """Return the simulated measurements without bias, one for each entry of
         the residual vector.
         """
-        config, later, parts = self.model(values), self.later(values), []
+        config, later, parts = self.make_config(values), self.get_latencies(values), []
         for i, log in enumerate(self.logs):
             simulated = simulate(
-                config, log, log.channels, self.stiffness(values), self.profiles(values, i), later
+                config,
+                log,
+                log.channels,
+                self.get_stiffness_ratios(values),
+                self.interpolate_profiles(values, i),
+                later,
             )
             for channel in log.channels:  # means over the rows in which the channel was measured
                 missing = self._missing[i].get(channel)
@@ -272,35 +278,42 @@ class Problem:
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
-    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+    def simulate_channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Return simulated quantities as block means, one for each entry of
         the residual vector.
         """
-        config = self.model(values)
-        later = self.later(values)
+        config = self.make_config(values)
+        later = self.get_latencies(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
         for i, log in enumerate(self.logs):
-            predicted = simulate(config, log, names, self.stiffness(values), self.profiles(values, i), later)
+            predicted = simulate(
+                config,
+                log,
+                names,
+                self.get_stiffness_ratios(values),
+                self.interpolate_profiles(values, i),
+                later,
+            )
             for n in names:
                 parts[n].extend([average_blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
 
-    def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
+    def compute_residuals(self, values: Mapping[Key, float]) -> np.ndarray:
         """Return measured minus simulated minus bias, divided by the noise of a block."""
         return self.whiten(self._measured - self.predict(values))
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
         """Subtract the bias of each log and sensor, and divide by the noise."""
-        return self.weight * self.unbiased(difference)
+        return self.weight * self.subtract_bias(difference)
 
-    def unbiased(self, difference: np.ndarray) -> np.ndarray:
+    def subtract_bias(self, difference: np.ndarray) -> np.ndarray:
         """Subtract the bias of each log and sensor: its weighted mean difference."""
         w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         return difference - mean[self.rows.group]
 
-    def moved(
+    def generate_moves(
         self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
         """Change the parameters by `reach` times their steps. Yield these changes, by
@@ -325,7 +338,7 @@ class Problem:
         ]
         yield from zip(runs.values(), self.predict_all(asked), strict=True)
 
-    def jacobian(
+    def compute_jacobian(
         self,
         values: Mapping[Key, float],
         base: np.ndarray,
@@ -336,7 +349,7 @@ class Problem:
         parameters, by finite differences of `reach` steps.
         """
         slopes = np.zeros((len(base), len(parameters)))
-        for run, predicted in self.moved(values, parameters, reach):
+        for run, predicted in self.generate_moves(values, parameters, reach):
             change = self.whiten(self._measured - predicted) - base
             for j, h in run.items():
                 name = parameters[j].name

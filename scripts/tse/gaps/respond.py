@@ -19,7 +19,7 @@ from tse.library.core import Config
 
 # [m/s2] A further place, at which formulas cannot act: the component of gravity along a
 # banked road. It accelerates the car, but an accelerometer does not measure it.
-ROAD = "bank"
+ROAD_BANK = "bank"
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
@@ -30,11 +30,12 @@ def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[
     The signals have their names in formulas. They are taken from inputs and simulation,
     not from measurements.
     """
-    c, rows = problem.model(values), problem.rows
-    simulated = problem.channels(values, SIMULATED)
-    steer = problem.quantity("steer_angle")
+    c, rows = problem.make_config(values), problem.rows
+    simulated = problem.simulate_channels(values, SIMULATED)
+    steer = problem.average_quantity("steer_angle")
     wheels = {
-        a: problem.quantity(f"wheel_speed_{a}") * getattr(c, f"wheel_radius_{a}") for a in ("front", "rear")
+        a: problem.average_quantity(f"wheel_speed_{a}") * getattr(c, f"wheel_radius_{a}")
+        for a in ("front", "rear")
     }
     found = []
     for i in range(len(problem.logs)):
@@ -77,10 +78,10 @@ def compute_responses(
     compute_signals(). `forms` has for each log an array of the shape (blocks, forms),
     in the unit of the place.
     """
-    c, rows = problem.model(values), problem.rows
+    c, rows = problem.make_config(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
-        for channel, x in _move_simulation(c, problem.stiffness(values), s, place, u).items():
+        for channel, x in _move_simulation(c, problem.get_stiffness_ratios(values), s, place, u).items():
             mine = (rows.log == i) & rows.of(channel)
             if mine.any():
                 change[mine] = x
@@ -116,14 +117,14 @@ def _move_simulation(
         "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),
         "yaw_moment": (0.0, 1.0),
-        ROAD: (1.0, 0.0),
+        ROAD_BANK: (1.0, 0.0),
     }[place]
     yv, yr = -(front + rear) / (m * v), -turn / (m * v)
     a = np.zeros((len(v), 3, 3))
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])
-    felt = 0.0 if place == ROAD else across  # an accelerometer does not measure gravity's part
+    felt = 0.0 if place == ROAD_BANK else across  # an accelerometer does not measure gravity's part
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]

@@ -19,7 +19,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from tse.identify.unknowns import MAX_LATENCY, VELOCITY
+from tse.identify.unknowns import MAX_FITTED_LATENCY, VELOCITY
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import estimate_channel_noise, estimate_noise, fill_gaps, find_new_values
@@ -438,13 +438,13 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """Return 1 for rows that a shift by MAX_LATENCY leaves in their stretch, else 0.
+    """Return 1 for rows that a shift by MAX_FITTED_LATENCY leaves in their stretch, or 0.
 
     This excludes the last rows of a stretch. Its first rows are in BURN_IN anyway.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:
-        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MAX_LATENCY
+        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MAX_FITTED_LATENCY
     return found
 
 

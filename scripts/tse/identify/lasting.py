@@ -22,7 +22,7 @@ import numpy as np
 SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags of the differences that determine walk
 MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance
 MIN_PIECE_VALUES = 20  # least number of values in a piece, and of pairs of values at a lag
-PIECE_TIME = 10.0  # [s] length of a piece in measure_share(): about two manoeuvres
+LASTING_PIECE_TIME = 10.0  # [s] length of a piece in measure_share(): about two manoeuvres
 SHARE_QUANTILE = 0.9  # quantile of the model error over all pieces that is the result
 
 
@@ -107,8 +107,8 @@ def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple
     -------
     share
         sd of an error that lasts 1 s and has the power of the residuals, over the signal.
-        It is the SHARE_QUANTILE over all pieces of PIECE_TIME, not their mean: a model
-        that is right on a motorway and 15 % off in a hairpin is not 5 % off.
+        It is the SHARE_QUANTILE over all pieces of LASTING_PIECE_TIME, not their mean: a
+        model that is right on a motorway and 15 % off in a hairpin is not 5 % off.
     count
         Number of pieces. The weight of each is the share of signal^2 in signal^2 +
         floor^2.
@@ -117,7 +117,7 @@ def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple
     lasts = measure_lasting(pieces).power / max(float(square), 1e-300)
     found, count = [], 0.0
     for p, x in zip(pieces, floor, strict=True):
-        place = (p.time // PIECE_TIME).astype(int)
+        place = (p.time // LASTING_PIECE_TIME).astype(int)
         for k in np.unique(place):
             mine = place == k
             if mine.sum() >= MIN_PIECE_VALUES:

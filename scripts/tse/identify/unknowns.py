@@ -22,7 +22,7 @@ CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # cornering stiffnes
 LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")
 LATENCY_SUFFIX = "_latency"  # of the unknown that is the latency of a channel behind the gyro
 LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknown: its channel
-MAX_LATENCY = 0.2  # [s] bound of a latency, positive or negative
+MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
 # sd of an error that all unknowns with the same `message` have in common: latency [s] of
 # the channels in one message of the bus, relative error of the wheel radii. The sd of the
 # individual error of each unknown is smaller, because wheel speeds come from one control
@@ -71,7 +71,14 @@ class Unknown:
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
     """Return the latency of a channel as an unknown. `own`: its individual sd [s]."""
     return Unknown(
-        name + LATENCY_SUFFIX, "latency", 0.0, own, -MAX_LATENCY, MAX_LATENCY, message=message, worth=0.001
+        name + LATENCY_SUFFIX,
+        "latency",
+        0.0,
+        own,
+        -MAX_FITTED_LATENCY,
+        MAX_FITTED_LATENCY,
+        message=message,
+        worth=0.001,
     )
 
 
@@ -145,7 +152,7 @@ UNKNOWNS: tuple[Unknown, ...] = (
 # fmt: on
 # Unknowns of a velocity sensor, if a log has one; settings (sensors.toml) replace the sds
 OF_VELOCITY: tuple[Unknown, ...] = (
-    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_LATENCY, MAX_LATENCY, worth=0.002),
+    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_FITTED_LATENCY, MAX_FITTED_LATENCY, worth=0.002),
     Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),

@@ -37,7 +37,7 @@ MAX_HOLD = 10  # rows; a longer hold is not detected
 MIN_NOISE_ROWS = 50  # rows that an estimate needs
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
 WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; interval of the average that is its slow part
-CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
+SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
 NORMAL_QUIET = 0.3853  # this quantile of the absolute value of a standard normal variable
 MIN_MOVING_SPEED = 3.0  # [m/s] the car moves at a higher speed
@@ -141,7 +141,7 @@ def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> 
         return {}
     d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
     speed = 0.5 * (radius_front * d["wheel_speed_front"] + radius_rear * d["wheel_speed_rear"])
-    spans = {"average": AVERAGE_TIME, "window": WINDOW_TIME, "change": CHANGE_TIME}
+    spans = {"average": AVERAGE_TIME, "window": WINDOW_TIME, "change": SLOW_CHANGE_TIME}
     rows = {name: max(1, round(span / log.sample_time)) for name, span in spans.items()}
     moving = np.abs(speed) > MIN_MOVING_SPEED
     misfits = {}

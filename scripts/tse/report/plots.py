@@ -21,13 +21,13 @@ from tse.library.files import write_atomically
 from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
-BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
+BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 THIN_ROWS = 1 << 18  # rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
 # The estimated noise is drawn only if its ratio to the setting exceeds this limit. Steps
 # of steering and torque alone raise the ratio somewhat above 1.
 MAX_NOISE_RATIO = 1.4
-SETTLING = 2.0  # [s] time from the start in which the estimate of the noise is not yet usable
+NOISE_SETTLING_TIME = 2.0  # [s] time from the start in which the estimate of the noise is not yet usable
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9",
@@ -452,7 +452,7 @@ def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarra
             "x1": float(time[min(b, len(time) - 1)]),
             "y0": 0,
             "y1": 1,
-            "fillcolor": SHADE,
+            "fillcolor": SHADE_FILL,
             "line": {"width": 0},
             "layer": "below",
         }
@@ -477,8 +477,8 @@ def draw_stiffness(
         first = row == 1
         nominal = getattr(config, NOMINAL[key]) / 1000
         for part, name, colour in (
-            ("spread_", "spread, 95 % of samples", SPREAD),
-            ("", "95 % interval", BAND),
+            ("spread_", "spread, 95 % of samples", SPREAD_FILL),
+            ("", "95 % interval", BAND_FILL),
         ):
             if part and not config.form:
                 continue
@@ -610,7 +610,14 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
         if key == "yaw_rate":
             _draw_line(figure, row, d.logged_time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
         _draw_band(
-            figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % interval", BAND, first
+            figure,
+            row,
+            d.time,
+            d.line(f"{key}_low"),
+            d.line(f"{key}_high"),
+            "95 % interval",
+            BAND_FILL,
+            first,
         )
         _draw_line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
@@ -680,14 +687,14 @@ def draw_health(d: Data) -> Figure:
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
-    found = np.asarray(d.time) > d.time[0] + SETTLING if len(d.time) else np.zeros(0, bool)
+    found = np.asarray(d.time) > d.time[0] + NOISE_SETTLING_TIME if len(d.time) else np.zeros(0, bool)
     noisy = any((x[found] > MAX_NOISE_RATIO).any() for x in noise.values())
     titles += ["Ratio of the estimated noise to the settings"] * noisy
     unexplained = [(title, names) for title, names in UNEXPLAINED if all(n in d for n in names)]
     titles += [title for title, _ in unexplained]
     figure = Figure(titles, [150] * len(titles))
     for row, names in ((1, ("bias_accel_x", "bias_accel_y")), (2, ("bias_yaw_rate",))):
-        for name, colour, band in zip(names, (BLUE, GREEN), (BAND, "rgba(26,127,90,0.2)"), strict=False):
+        for name, colour, band in zip(names, (BLUE, GREEN), (BAND_FILL, "rgba(26,127,90,0.2)"), strict=False):
             _draw_band(
                 figure,
                 row,

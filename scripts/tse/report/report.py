@@ -26,7 +26,7 @@ from tse.report.results import list_run_facts
 
 MAX_CARDS = 6  # stretches of road that have cards of verdicts; the table below lists all
 MAX_TABLE_EVENTS = 200  # max number of events in the table
-LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
+GZIP_LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
 
 
 def write_report(
@@ -140,7 +140,7 @@ def pack_text(text: str | bytes) -> Markup:
     """Return text compressed by gzip and encoded in base64, which HTML
     need not escape."""
     data = text.encode() if isinstance(text, str) else text
-    return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
+    return Markup(base64.b64encode(gzip.compress(data, GZIP_LEVEL, mtime=0)).decode())
 
 
 def read_figures(page: str) -> list[dict]:

@@ -3,7 +3,7 @@ an exit code."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -18,13 +18,14 @@ from tse.library.core import Config, library
 from tse.library.files import is_parquet, write_atomically
 from tse.log.rows import CheckedLog
 
+Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; code 2 is used for bad input
-CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
+CODES: dict[int, Usable] = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # level of a verdict -> column "usable"
 KILO = 1000.0  # from kN and kN/rad of the verdicts to N and N/rad
 # Columns of the table of results and their pandas types. The table has a row for each
 # stretch of road and stiffness.
-COLUMNS: dict[str, str] = {
+ESTIMATE_COLUMNS: dict[str, str] = {
     "log": "string",
     "stretch": "Int64",
     "start": "Float64",
@@ -70,8 +71,8 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of results, each a dict with the keys COLUMNS. A
-    change is given in the rows of the stretch that begins with it."""
+    """Return the rows of the table of results, each a dict with the keys
+    ESTIMATE_COLUMNS. A change is given in the rows of the stretch that begins with it."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []

@@ -19,8 +19,8 @@ from tse.readers.readers import READERS
 
 # Suffixes of logs that many other files have, too. In a folder, files with these suffixes
 # are not taken for logs. They are only read if they are named or match a glob pattern.
-UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
-SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
+AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
+SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
 RESULTS = (".est.csv", ".est.parquet")  # ends of the names of files that `tselab estimate` writes
 MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")

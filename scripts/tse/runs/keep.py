@@ -28,11 +28,11 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 MIN_LOGS = 3  # min number of other logs of a car with which a log is compared
 # Max ratio of a stiffness to its median in the other logs of the car. Even on dry
 # asphalt, where the stiffness is largest, it varies, because warm tyres are softer
-MAX_RATIO = 1.3
-COLUMNS: dict[str, str] = {  # columns of the table, those of an estimate and of its drive: type
+MAX_STIFFNESS_RATIO = 1.3
+FLEET_COLUMNS: dict[str, str] = {  # columns of the table, those of an estimate and of its drive: type
     "car": "string",
     **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
-    **{k: v for k, v in results.COLUMNS.items() if k != "log"},
+    **{k: v for k, v in results.ESTIMATE_COLUMNS.items() if k != "log"},
     "error": "string",
     "report": "string",
     "vehicle": "string",
@@ -154,7 +154,7 @@ def make_table(done: Sequence[Done]) -> pd.DataFrame:
         if d.outcome.error or not d.outcome.rows:
             rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
         rows += [{**row, **about} for row in d.outcome.rows]
-    frame = pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict(COLUMNS))
+    frame = pd.DataFrame(rows, columns=list(FLEET_COLUMNS)).astype(dict(FLEET_COLUMNS))
     for log, text in find_unlike_tyres(frame).items():
         mine = frame["log"] == log
         before = frame.loc[mine, "warnings"]
@@ -181,7 +181,7 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
             others = float(np.median(most.drop(log)))
             row = mine.loc[size.idxmax()[log]]
             sure = float(row["sd"]) / float(row["value"]) if pd.notna(row["sd"]) else np.inf
-            if x - others > np.log(MAX_RATIO) + 2 * sure:
+            if x - others > np.log(MAX_STIFFNESS_RATIO) + 2 * sure:
                 text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
                 said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
     return {

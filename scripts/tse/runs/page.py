@@ -22,7 +22,7 @@ COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
 MAX_TRENDS = 12  # max number of cars whose trend is drawn, the softest first
-MAX_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all
+MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, titl
         errors=[d for d in done if d.outcome.error],
         counts={word: codes.count(code) for code, word in CODES.items()},
         done=done,
-        most=MAX_LOGS,
+        most=MAX_LISTED_LOGS,
         usable=CODES,
         names=NAMES,
         table=TABLE,

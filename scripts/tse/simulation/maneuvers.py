@@ -128,7 +128,8 @@ def _make_straight(
 def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s of braking, 5 s of rest.
+    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s of braking,
+    5 s of rest.
 
     The bend lasts from 5 to 11 s."""
     cycle = t % 20.0

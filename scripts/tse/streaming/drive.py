@@ -56,9 +56,10 @@ SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, and between checks
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
 LISTENED, MAX_LISTENED = 20.0, 600.0  # [s] frames for the first proposal of signals; max kept for it
-PIECE = 0.2  # [s] max duration of the frames that are processed together
-WRITTEN = 1.0  # [s] time between two writes of rows
-HAPPENED, SETTLED = 20.0, 0.5  # [s] length of the past that is searched for events; min age of one
+MAX_PIECE_TIME = 0.2  # [s] max duration of the frames that are processed together
+WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
+EVENT_SEARCH_TIME = 20.0  # [s] length of the past that is searched for events
+MIN_EVENT_AGE = 0.5  # [s] younger events are not reported yet
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
 Say = Callable[[str], None]
@@ -432,7 +433,7 @@ class LiveDrive:
     def _run_keeper(self) -> None:
         """Write rows, report events and check the channels at intervals, until the drive
         ends. Runs in a separate thread, so that the filter does not wait for it."""
-        while not self._ended.wait(WRITTEN):
+        while not self._ended.wait(WRITE_INTERVAL):
             self._write()
             self._look_back()
             if self.drive.time > self._next_check and self._columns:
@@ -677,22 +678,22 @@ class LiveDrive:
 
     def _look_back(self) -> None:
         """Report the changes, faults and sliding that the filter has found in the last
-        HAPPENED seconds, each only once."""
+        EVENT_SEARCH_TIME seconds, each only once."""
         tail: list[dict[str, Any]] = []
         for x in reversed(self._table):
             tail.insert(0, x)
-            if len(x["time"]) and x["time"][0] < self.drive.time - HAPPENED:
+            if len(x["time"]) and x["time"][0] < self.drive.time - EVENT_SEARCH_TIME:
                 break
         if not tail or self.drive.contradicted or not any(_has_event(x) for x in tail):
             return
         table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
-        table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
+        table = table[table["time"] > self.drive.time - EVENT_SEARCH_TIME].reset_index(drop=True)
         for c in regimes.find_changes(table):
-            if c.time < self.drive.time - SETTLED and not self._is_reported(c.what, c.time):
+            if c.time < self.drive.time - MIN_EVENT_AGE and not self._is_reported(c.what, c.time):
                 self.say(f"{c.label}{': ' if c.effect else ''}{c.effect}")
         for s in regimes.find_spells(table):
-            goes_on = s.end > self.drive.time - SETTLED
-            if s.end - s.start > SETTLED and not self._is_reported(s.name, s.start, s.end):
+            goes_on = s.end > self.drive.time - MIN_EVENT_AGE
+            if s.end - s.start > MIN_EVENT_AGE and not self._is_reported(s.name, s.start, s.end):
                 self.say(
                     f"{s.name} since {s.start:.2f} s, {regimes.format_percent(s.probability)}"
                     if goes_on
@@ -829,17 +830,17 @@ def _has_event(x: dict[str, Any]) -> bool:
     if "change_kind" not in x or not len(x["time"]):
         return False
     return bool(
-        np.any((x["change_kind"] > 0) & (x["change_age"] < HAPPENED))
-        or any(np.any(x[p] >= regimes.LIKELY) for p in regimes.SPELLS)
+        np.any((x["change_kind"] > 0) & (x["change_age"] < EVENT_SEARCH_TIME))
+        or any(np.any(x[p] >= regimes.MIN_EVENT_PROBABILITY) for p in regimes.SPELLS)
     )
 
 
 def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
-    """Split frames into pieces of at most PIECE seconds, because the stream keeps the
+    """Split frames into pieces of at most MAX_PIECE_TIME, because the stream keeps the
     values of its channels only for a short time."""
     pieces: list[list[Arrived]] = []
     for a in came:
-        if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > PIECE:
+        if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > MAX_PIECE_TIME:
             pieces.append([])
         pieces[-1].append(a)
     return pieces

@@ -14,9 +14,12 @@ from tse.simulation.simulate import drive as run_simulator
 # Settings of all cases: initial stiffness 70 % of nominal, front-wheel
 # drive (all manoeuvres have torque on the front axle), and the model of the
 # paper, equations (1) to (4)
-START = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
-WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
-G = 9.81  # [m/s2]
+INITIAL_SETTINGS = {
+    **{f"initial_{s}": 0.7 for s in STIFFNESS},
+    "driven_axle": 1,
+    "exact_kinematics_share": 0.0,
+}
+SCORED_WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
 LINEAR = 0.6  # ratio of tyre force to friction limit above which a tyre is not linear any more
 
 Builder = Callable[[Config, SimConfig, np.random.Generator], Maneuver]
@@ -39,7 +42,7 @@ class Case:
     draw: Draw | None = None  # returns further settings of the estimator that depend on the seed
     corrupt: Corruption | None = None  # changes the log; returns which rows are unusable then
     estimators: tuple[str, ...] = ("tse",)
-    windows: tuple[tuple[float, float], ...] = (WINDOW,)  # [s] where errors are scored
+    windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] where errors are scored
     events: tuple[float, ...] = ()  # [s] times at which the true stiffness changes
     lasts: float = 0.0  # [s] duration of such a change; 0: it is a step
 

@@ -226,7 +226,7 @@ def list_columns(study: str) -> list[str]:
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
             names += [f"{key}_{share}", f"{key}_{share}_of"]
-    names += [f"{state}_square" for state in scores.STATES]
+    names += [f"{state}_square" for state in scores.SCORED_STATES]
     names += ["changes", "false_changes"]
     names += [f"{x}_{n}" for n in range(1, events) for x in ("detected", "all_settle", "valid_off")]
     return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "seconds", "steps", *TIMES]

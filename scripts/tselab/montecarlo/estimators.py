@@ -11,7 +11,7 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tselab.montecarlo import peers
-from tselab.montecarlo.case import START, CaseDrive
+from tselab.montecarlo.case import INITIAL_SETTINGS, CaseDrive
 from tselab.montecarlo.peers import Known
 
 # Variants of the robust form. The estimator robust-NAME has these settings, which were
@@ -37,7 +37,8 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")
-FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # estimator: form of its settings
+# Estimator -> form of its settings
+FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}
 # Settings of "printed": initial speed of Sec. IV-A of the paper, Euler integration
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
 TEXTS = {
@@ -58,14 +59,14 @@ def get_overrides(name: str) -> dict[str, float]:
         return {}
     if name == "printed":
         return PRINTED
-    if name in (*PEERS, *FORMS):
+    if name in (*PEERS, *FORM_OF_ESTIMATOR):
         return {}
     family, _, particles = name.partition("-")
     if family == "robust" and particles in VARIANTS:
         return VARIANTS[particles][1]
     if name == "tse":
         return {}
-    if family in FORMS and particles.isdigit():
+    if family in FORM_OF_ESTIMATOR and particles.isdigit():
         return {"particles": int(particles)}
     raise UserError(f"there is no estimator '{name}'")
 
@@ -73,11 +74,12 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Return the settings of an estimator. Later ones override earlier ones: START, the
-    form, the user's `settings`, those of the case (`about`), those of the estimator."""
+    """Return the settings of an estimator. Later ones override earlier ones:
+    INITIAL_SETTINGS, the form, the user's `settings`, those of the case (`about`),
+    those of the estimator."""
     family = name.partition("-")[0]
-    forms = Config.settings_of(FORMS.get(family, form))
-    return Config.exact({**START, **forms, **settings, **about, **get_overrides(name)})
+    forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
+    return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})
 
 
 def is_yours(name: str) -> bool:

@@ -25,16 +25,16 @@ from tse.library.core import STIFFNESS, Config, library
 from tse.log.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
+LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips, as in src/model/vehicle.h
 # Max product of integration step and fastest decay rate. The relative error of a
 # Runge-Kutta step is then below 0.8^5/120
-STEP = 0.8
+MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
 # sd of a change at a known time, relative to the stiffness: part common to all three
 # stiffnesses, and part of each stiffness alone
 COMMON, OWN = 0.4, 0.1
-OUTPUT = np.dtype(
+PEER_DTYPE = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
     + [(f"{name}{end}", float) for name in STIFFNESS for end in ("", "_sd", "_spread")]
     + [(f"bias_{name}{end}", float) for name in MEASURES for end in ("", "_sd")]
@@ -95,7 +95,7 @@ def move(
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
     # the factor 1.5 allows for a stiffness above nominal
-    steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / STEP), 1, 50))
+    steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / MAX_STEP_PRODUCT), 1, 50))
     h = dt / steps
     for k in range(steps):
         k1 = rate(x, k / steps)
@@ -151,7 +151,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
     driven = np.isfinite(inputs).all(1)
-    u, out = _hold_inputs(inputs), np.zeros(len(rows), OUTPUT)
+    u, out = _hold_inputs(inputs), np.zeros(len(rows), PEER_DTYPE)
     restart, usable = _find_conditions(c, dt, u, y, driven)
     sd = lambda form, names: np.array([getattr(c, form.format(name)) for name in names]) ** 2  # noqa: E731
     start_x, walk, r = (

@@ -100,7 +100,7 @@ def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFr
 
 RED, EDGE = "#c0392b", "#c8ced4"  # the paper's figures have red curves, too
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
-STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
+DRAWN_STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
 ERROR = "% of the truth"
 PAPER_STYLE = {
     "font.size": 10,
@@ -156,7 +156,7 @@ def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
             d, y = trace_run(plan, lanes, plan.first_seed, name)
             for key in STIFFNESS:
                 _draw_fig3(next(row), key, name, d, y)
-            for state, label, unit in STATES:
+            for state, label, unit in DRAWN_STATES:
                 axis = next(row)
                 axis.plot(d.time, unit * d.truth[f"true_{state}"], color=INK, lw=1.0, label="truth")
                 axis.plot(d.time, unit * y[state], color=RED, label="estimate")

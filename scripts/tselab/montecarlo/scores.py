@@ -18,9 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from tse.car.vehicle import GRAVITY
 from tse.library.core import REASON, STIFFNESS, library
 from tse.log.rows import MEASURES
-from tselab.montecarlo.case import LINEAR, Case, CaseDrive, G
+from tselab.montecarlo.case import LINEAR, Case, CaseDrive
+from tselab.montecarlo.peers import LOW_SPEED
 
 # An estimate has diverged if its relative error exceeds the first number for longer than
 # the second [s]
@@ -31,12 +33,11 @@ CLOSE = 0.10  # max relative error of an estimate that has settled, or counts as
 # A stiffness is clearly observable if its best-case sd is below valid_sd/CLEARLY, and
 # clearly unobservable above valid_sd CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
-LOW_SPEED = 1.0  # [m/s] as in src/model/vehicle.h
 REVERSE_SPEED = -0.1  # [m/s] as in src/estimator/filter.c
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # min probability of a change of regime that counts as reported
-STATES = ("vel_x", "yaw_rate")
+SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes that are closer together count as one
 # [s] a reported change is correct if it is at most this much earlier,
 # or later, than a true one
@@ -110,7 +111,7 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
     if d.friction > 0:
         level = d.stiffness
         follows = d.road + c.rear_longitudinal_follows_front * (level[:, 0] - d.road)
-        limit = d.friction * c.mass * G / (c.lf + c.lr)
+        limit = d.friction * c.mass * GRAVITY / (c.lf + c.lr)
         use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (
             limit * c.lr
         )
@@ -389,7 +390,7 @@ def score_run(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> di
             )
             for name, (of, among) in zip(SHARES, shares, strict=True):
                 row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
-    for state in STATES:
+    for state in SCORED_STATES:
         if state in names:
             row[f"{state}_square"] = _compute_mean(
                 (estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2

@@ -18,7 +18,7 @@ from tselab.montecarlo.estimators import PEERS, VARIANTS, get_overrides
 # ---- Manoeuvres that only studies need. Each function takes the car, the settings of the
 # simulator and a random generator, and returns a Maneuver.
 
-STEER, TORQUE = 0.02, 700.0  # [rad], [Nm] amplitudes of the paper's square waves
+WAVE_STEER, WAVE_TORQUE = 0.02, 700.0  # [rad], [Nm] amplitudes of the paper's square waves
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # [rad], [1] amplitudes of low excitation
 
 
@@ -28,8 +28,8 @@ def drive_square_waves(
     rng: np.random.Generator,
     *,
     duration: float,
-    steer: float = STEER,
-    torque: float | None = TORQUE,
+    steer: float = WAVE_STEER,
+    torque: float | None = WAVE_TORQUE,
     road: tuple[tuple[float, float], ...] = (),
 ) -> Maneuver:
     """Return the paper's square waves of steering and torque.
@@ -84,8 +84,10 @@ def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
         np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
     )  # m/s2
     waves = t >= 30
-    torque = np.where(waves, TORQUE * make_square(t, 5.0), force * car.wheel_radius_front)
-    steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * make_square(t, 4.0), STEER * make_square(t, 4.0)])
+    torque = np.where(waves, WAVE_TORQUE * make_square(t, 5.0), force * car.wheel_radius_front)
+    steer = np.select(
+        [(t >= 5) & (t < 12), waves], [0.05 * make_square(t, 4.0), WAVE_STEER * make_square(t, 4.0)]
+    )
     zero = np.zeros_like(t)
     return Maneuver(t, 0.0, steer, torque, zero, np.ones_like(t))
 
@@ -193,8 +195,8 @@ def _make_waves(
 PART = (20.0, 60.0)  # [s] range of the duration of a part of the drive
 SPEEDS = (8.0, 35.0)  # [m/s] range of the speeds
 SPEED_CHANGE = 1.5  # [m/s2] acceleration between two speeds
-LATERAL = (0.5, 2.5)  # [m/s2] range of the max lateral acceleration of a part
-WAVE = 1.0  # [m/s2] longitudinal acceleration in a part with square waves
+LATERAL_PEAK_RANGE = (0.5, 2.5)  # [m/s2] range of the max lateral acceleration of a part
+SQUARE_WAVE_ACCEL = 1.0  # [m/s2] longitudinal acceleration in a part with square waves
 
 
 def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
@@ -214,14 +216,16 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
             now, [start, start + max(abs(reached - speed) / SPEED_CHANGE, 1e-3)], [speed, reached]
         )
         fast = max(speed, reached)
-        size = rng.uniform(*LATERAL) * (car.lf + car.lr + gradient * fast**2) / fast**2
+        size = rng.uniform(*LATERAL_PEAK_RANGE) * (car.lf + car.lr + gradient * fast**2) / fast**2
         kind = rng.integers(4)
         if kind == 0:
             steer[part] = _make_waves(now, rng, (size, size), LANE_PERIOD)
         elif kind == 1:
             steer[part] = size * make_square(now, rng.uniform(3.0, 6.0))
             period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
-            target[part] += WAVE * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
+            target[part] += (
+                SQUARE_WAVE_ACCEL * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
+            )
         elif kind == 2:
             steer[part] = np.clip(
                 0.4 * size * maneuvers._make_coloured(rng, len(now), car.sample_time, 0.8), -size, size
@@ -316,7 +320,7 @@ def _draw_paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) 
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
-NOMINAL = Case("nominal", "square waves, all parameters as assumed", _make_square_waves())
+NOMINAL_CASE = Case("nominal", "square waves, all parameters as assumed", _make_square_waves())
 NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _make_square_waves(), sim={"noise": 3.0})
 NOISE_THIRD = Case(
     "noise-third", "sensor noise a third of the setting", _make_square_waves(), sim={"noise": 1 / 3}
@@ -330,7 +334,7 @@ OUTLIERS = Case(
     _make_square_waves(),
     corrupt=partial(add_outliers, share=0.01, sigmas=10.0),
 )
-ROAD = Case(
+ROAD_CHANGE_CASE = Case(
     "road-change",
     "all stiffness to 70 % at 20 s",
     _make_square_waves(40.0, road=((20.0, 0.7),)),
@@ -358,7 +362,7 @@ def _make_stress_cases() -> tuple[Case, ...]:
     friction = {"sim": {"friction": 0.9}, "windows": pulses}
     slots = _make_square_waves(SLOTS_END)
     return (
-        NOMINAL,
+        NOMINAL_CASE,
         Case(
             "paper-prior",
             "initial vx with an error of 1 m/s sd",
@@ -596,7 +600,12 @@ def _make_cases() -> dict[str, tuple[Case, ...]]:
             NOISE_3X,
         ),
         "peers": _set_estimators(
-            ("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD
+            ("tse", "robust", "robust-100", *PEERS),
+            NOMINAL_CASE,
+            LOW,
+            NOISE_3X,
+            NOISE_THIRD,
+            ROAD_CHANGE_CASE,
         ),
         "stress": _make_stress_cases(),
         "regimes": _make_regime_cases(),

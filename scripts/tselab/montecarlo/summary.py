@@ -17,7 +17,7 @@ from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, DIVERGED_ERROR, DIVERGED_FOR, OFF, OFF_FOR, SETTLED_FOR, SURE
 
 RESAMPLES = 2000  # number of resamples for a bootstrap interval
-LEVEL = 0.95  # confidence level of all intervals
+CONFIDENCE = 0.95  # confidence level of all intervals
 HEADS = {"cx_front": "Cx front", "cy_front": "Cy front", "cy_rear": "Cy rear"}
 
 
@@ -56,7 +56,7 @@ def bootstrap_interval(
     if n < 2:
         return np.nan, np.nan
     picks = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
-    low, high = np.quantile(statistic(values[..., picks]), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(statistic(values[..., picks]), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 
 
@@ -73,12 +73,12 @@ def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
     values = np.asarray(values, float)
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
-    return float(values.mean()), float(stats.t.ppf((1 + LEVEL) / 2, len(values) - 1) * stats.sem(values))
+    return float(values.mean()), float(stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * stats.sem(values))
 
 
 def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
     """Return the exact interval of a share, `k` of `n`."""
-    interval = stats.binomtest(k, n).proportion_ci(LEVEL, method="exact")
+    interval = stats.binomtest(k, n).proportion_ci(CONFIDENCE, method="exact")
     return float(interval.low), float(interval.high)
 
 
@@ -275,7 +275,7 @@ def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
 
 # ---- tables that only one study has
 
-SETTLING = (
+SETTLING_NOTE = (
     f"Times until the error of the slowest stiffness is below 10 % for {SETTLED_FOR:g} s and, for good, "
     "until it stays below 10 % up to the next change or the end of the run."
 )
@@ -306,7 +306,7 @@ def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
         for n, event in enumerate(case.events, 1)
     ]
     head = ["case", "estimator", "change at", "s to 10 %, median (longest)", "for good"]
-    return [Table("After a change of road", head, rows, 2, SETTLING)] if rows else []
+    return [Table("After a change of road", head, rows, 2, SETTLING_NOTE)] if rows else []
 
 
 PAPERS = ("printed", "robust", "tse")

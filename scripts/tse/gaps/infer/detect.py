@@ -22,7 +22,7 @@ from tse.gaps.infer.space import REACH
 from tse.gaps.problem import Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
 
-WAVE = 400.0  # [m] wavelength of the sinusoidal road profile that represents all profiles
+ROAD_WAVELENGTH = 400.0  # [m] wavelength of the sinusoidal road profile that represents all profiles
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
-    slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
+    slopes = problem.compute_jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)
     weight = np.zeros(len(current.residuals))
     for _, rows in problem.used():
@@ -89,7 +89,7 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
 
 def _make_wave(slopes: np.ndarray, parameters: Sequence[CatalogueParameter]) -> np.ndarray:
     """Return the derivatives with respect to the rms of a sinusoidal road profile with
-    the wavelength WAVE, as a matrix of one column.
+    the wavelength ROAD_WAVELENGTH, as a matrix of one column.
     """
     place = np.array([float(p.name.knot) for p in parameters])
-    return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]
+    return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / ROAD_WAVELENGTH)))[:, None]

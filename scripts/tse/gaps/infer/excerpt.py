@@ -22,13 +22,13 @@ from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import Fit
 from tse.gaps.infer.hypotheses import choose_start, fit_prior, make_hypotheses
 from tse.gaps.infer.space import REACH, STIFFNESS_SD
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
 # [s] Length of the pieces that are chosen from: one or two manoeuvres. The first BURN_IN
 # of each piece is lost.
-PIECE = 15.0
+EXCERPT_PIECE_TIME = 15.0
 # sd of the residuals with which a piece counts, in units of the noise of a block. It is
 # far above 1 because models are not more accurate. With a smaller sd the first few pieces
 # would determine everything, and the choice of the later ones would be arbitrary.
@@ -89,11 +89,11 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
 
 
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
-    """Return the stretches of a log cut into pieces of the length PIECE. The simulation
-    of each piece starts anew, so its first BURN_IN is not compared.
+    """Return the stretches of a log cut into pieces of the length EXCERPT_PIECE_TIME.
+    The simulation of each piece starts anew, so its first BURN_IN is not compared.
     """
     found = []
-    length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
+    length = round(EXCERPT_PIECE_TIME / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
     for s in log.stretches:
         for first in range(s.first, s.last, length):
@@ -111,8 +111,11 @@ def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
     its last column.
     """
     asked = make_hypotheses()
-    parameters: list[CatalogueParameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
+    parameters: list[CatalogueParameter] = [
+        *STIFFNESS_PARAMETERS,
+        *(p for h in asked for p in h.effect.strengths),
+    ]
     at = baseline.values | {p.name: choose_start(p) for h in asked for p in h.effect.shapes}
-    unit = [STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters]
-    slopes = problem.jacobian(at, problem.residuals(at), parameters, REACH)
+    unit = [STIFFNESS_SD if p in STIFFNESS_PARAMETERS else fit_prior(p)[1] for p in parameters]
+    slopes = problem.compute_jacobian(at, problem.compute_residuals(at), parameters, REACH)
     return np.column_stack([np.nan_to_num(slopes) * unit, baseline.residuals])

@@ -1,9 +1,9 @@
 """Compute the residuals of a set of effects in pieces of the logs that were left out of
 the fit (cross-validation).
 
-The logs are cut into pieces of the length PIECE, which are distributed over FOLDS folds.
-The fit is not repeated for each fold, but linearised. If the rows of one fold are left
-out, the parameters x change by d, where
+The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distributed over
+FOLDS folds. The fit is not repeated for each fold, but linearised. If the rows of one
+fold are left out, the parameters x change by d, where
     H d = w J'e.
 H is the information of the other folds with the prior. J, e and w are the derivatives,
 residuals and weights of the fold that is left out. Its residuals become e + J d.
@@ -16,7 +16,7 @@ import numpy as np
 from tse.gaps.infer.search import Judged
 
 FOLDS = 5
-PIECE = 10.0  # [s] length of a piece: one or two manoeuvres
+FOLD_PIECE_TIME = 10.0  # [s] length of a piece: one or two manoeuvres
 
 
 def compute_held_out(judged: Judged) -> dict[str, float]:
@@ -24,7 +24,7 @@ def compute_held_out(judged: Judged) -> dict[str, float]:
     out of the fit in turn. Residuals are in units of the noise."""
     space, fit = judged.space, judged.fit
     assert space is not None and fit is not None
-    folds = [(time // PIECE).astype(int) % FOLDS for time in space.time]
+    folds = [(time // FOLD_PIECE_TIME).astype(int) % FOLDS for time in space.time]
     found = dict.fromkeys(space.channels, 0.0)
     weights = [fit.scales[c].sd ** -2 for _, c in space.groups]
     # Rows have equal weights here. In the fit, large residuals have smaller weights.

@@ -50,8 +50,8 @@ MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
 # If the rms of a channel of the held-out logs rises by more than this share, the formula
 # is not proposed.
 MIN_HARM = 0.01
-MAX_STEPS = 15  # max number of evaluations of a fit
-CHUNK = 64  # number of forms that are compared at a time, which limits the memory
+MAX_FORM_EVALUATIONS = 15  # max number of evaluations of a fit
+FORMS_AT_A_TIME = 64  # number of forms that are compared at a time, which limits the memory
 # [%] The range of a signal is that from its quantile HALF to its quantile 100 - HALF.
 HALF = 0.5
 
@@ -113,7 +113,7 @@ class Frame:
             compute_excess(problem, last.residuals),
         )
 
-    def nats(self, residuals: np.ndarray) -> float:
+    def compute_worth(self, residuals: np.ndarray) -> float:
         """Return the gain of a formula with these residuals."""
         return compute_worth(self.problem, self.last.residuals, residuals, self.length)
 
@@ -200,8 +200,8 @@ def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm
     Stiffness and named effects are fitted together with the coefficient.
     """
     known, found = terms.list_forms(place), []
-    for k in range(0, len(known), CHUNK):
-        part = known[k : k + CHUNK]
+    for k in range(0, len(known), FORMS_AT_A_TIME):
+        part = known[k : k + FORMS_AT_A_TIME]
         logs = [np.column_stack([terms.compute_values(t, s, s["dt"]) for t in part]) for s in frame.at]
         for t, (nats, coefficient) in zip(part, compute_expected_gain(frame, place, logs), strict=True):
             found.append((nats - compute_price(t), place, t, coefficient))
@@ -249,7 +249,7 @@ def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float
         return []
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
-    first = frame.problem.residuals(frame.values | formula.settings())
+    first = frame.problem.compute_residuals(frame.values | formula.settings())
     if compute_excess(frame.problem, first) > MAX_WORSE * max(frame.full, 1.0):
         return []
     return [refit(frame, formula, limits, compute_price(term))]
@@ -271,18 +271,18 @@ def refit(
         problem,
         [*frame.last.parameters, *own],
         frame.values | {p.name: p.default for p in own},
-        most=MAX_STEPS,
+        most=MAX_FORM_EVALUATIONS,
     )
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
     values = frame.values | found.values
-    whole = frame.problem.residuals(values | formula.settings())
+    whole = frame.problem.compute_residuals(values | formula.settings())
     back = np.where(
         problem.weight > 0, frame.problem.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0
     )
     one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
     left = compute_excess(frame.problem, whole)
     share = 1.0 - left / frame.full if frame.full > 0 else 0.0
-    return Discovery(formula, one, frame.nats(whole) - cost, share, cost, dict(limits))
+    return Discovery(formula, one, frame.compute_worth(whole) - cost, share, cost, dict(limits))
 
 
 def _make_parameter(
@@ -311,12 +311,12 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
-        before = held.residuals(drop_log_values(frame.values))
+        before = held.compute_residuals(drop_log_values(frame.values))
         length = compute_correlation_lengths(held, before)
     for c in tried:
         confirmed, total = shows and c.nats > 0 and c.share >= MIN_SHARE, c.nats
         if confirmed and held is not None:
-            after = held.residuals(drop_log_values(c.values))
+            after = held.compute_residuals(drop_log_values(c.values))
             c.changes = compare_models(held, before, after)
             total += compute_worth(held, before, after, length)
             confirmed = all(x.ci95[0] <= MIN_HARM for x in c.changes.values()) and any(

@@ -101,7 +101,7 @@ class Hypothesis:
     def id(self) -> str:
         return self.effect.id
 
-    def ln_prior(self, values: Mapping[str, float]) -> float:
+    def compute_ln_prior(self, values: Mapping[str, float]) -> float:
         """Return ln of the prior density of the effect's strengths, in their units.
 
         The largest strength has the prior of a size. The others are normal with OTHER_SD.

@@ -19,7 +19,7 @@ from tse.gaps.infer.folds import compute_held_out
 from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, make_hypotheses
 from tse.gaps.infer.roads import FoundRoad
 from tse.gaps.infer.search import Judged, Search, judge_set
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
@@ -109,7 +109,9 @@ class Naming:
     converged: bool
     # Covariance of ln stiffness over the sets, about that of the named set. Sets that
     # explain the logs equally well may differ in stiffness.
-    spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
+    spread: np.ndarray = field(
+        default_factory=lambda: np.zeros((len(STIFFNESS_PARAMETERS), len(STIFFNESS_PARAMETERS)))
+    )
 
     @property
     def closes_most(self) -> bool:
@@ -157,7 +159,7 @@ def name_effects(
         # effects is part of the intervals, which come from `final`.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
-        small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.sd())}
+        small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.compute_sd())}
         if small:
             names = final.ids - set(small)
             dropped |= small
@@ -179,8 +181,8 @@ def name_effects(
         if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
     closed = 1.0 - compute_excess(problem, last.residuals) / full if full > 0 else 0.0
-    spread = probability.spread(search, final)
-    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged, spread)
+    spread = probability.compute_spread(search, final)
+    return Naming(baseline, last, named, closed, possible, probability.list_sets(), final.converged, spread)
 
 
 def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
@@ -208,7 +210,7 @@ def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
 
 def fit_plain_car(problem: Problem) -> Fit:
     """Fit the stiffness of the vehicle file's car, without effects, by least squares."""
-    return fit_parameters(problem, STIFFNESS, {})
+    return fit_parameters(problem, STIFFNESS_PARAMETERS, {})
 
 
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
@@ -275,7 +277,7 @@ def compute_relevance(judged: Judged, h: Hypothesis) -> float:
     """Return the probability that a strength exceeds its negligible size, given that the
     effect is in the set.
     """
-    little, sd = 1.0, judged.sd()
+    little, sd = 1.0, judged.compute_sd()
     for p in h.effect.strengths:
         ends = (np.array([-p.negligible, p.negligible]) - (judged.values[p.name] - p.default)) / sd[p.name]
         little *= float(np.diff(norm.cdf(ends))[0])
@@ -291,11 +293,11 @@ class Probability:
         """Sum the probabilities of the sets. `found` is the best set, which is
         to be named.
         """
-        self._sets = search.probabilities()
+        self._sets = search.compute_probabilities()
         self._found = found
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
-            judged = search.all()[ids]
+            judged = search.list_judged()[ids]
             for h in judged.effects:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * compute_relevance(judged, h)
 
@@ -318,16 +320,16 @@ class Probability:
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
-    def spread(self, search: Search, named: Judged) -> np.ndarray:
+    def compute_spread(self, search: Search, named: Judged) -> np.ndarray:
         """Return the covariance of ln stiffness over the sets, about that of `named`."""
-        sets = search.all()
+        sets = search.list_judged()
         away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
         return sum(
             (p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()),
-            np.zeros((len(STIFFNESS),) * 2),
+            np.zeros((len(STIFFNESS_PARAMETERS),) * 2),
         )
 
-    def sets(self) -> list[dict]:
+    def list_sets(self) -> list[dict]:
         """Return ids and probability of the most probable sets, at most MAX_SETS."""
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
@@ -335,7 +337,7 @@ class Probability:
 
 def compute_ln_stiffness(judged: Judged) -> np.ndarray:
     """Return ln of the ratio of each stiffness to that of the vehicle file."""
-    return np.log([judged.values[p.name] for p in STIFFNESS])
+    return np.log([judged.values[p.name] for p in STIFFNESS_PARAMETERS])
 
 
 def _make_named(
@@ -377,7 +379,7 @@ def _make_sized_name(
     The size is that of `judged`. The width of the interval is from `rough`, a fit in
     which effects outside the set may have small sizes; None: from `judged`.
     """
-    sd = (rough or judged).sd()
+    sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
     item = Named(
         h.effect, values, {k: (v - WIDE * sd[k], v + WIDE * sd[k]) for k, v in values.items()}, 0.0, 0.0
@@ -400,11 +402,13 @@ def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit
     """Return a judged set as a Fit: values, residuals and, if `slopes` is True,
     their partial derivatives.
     """
-    there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
+    there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS_PARAMETERS}
     parameters = [p for p in judged.space.parameters if p.name in there]
     values = {p.name: judged.values[p.name] for p in parameters}
-    residuals = problem.residuals(values)
-    jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
+    residuals = problem.compute_residuals(values)
+    jacobian = (
+        problem.compute_jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
+    )
     return Fit(parameters, values, residuals, jacobian)
 
 
@@ -418,7 +422,7 @@ def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[s
     road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)
     others = {*list_signed_delays(), *list_latency_settings().values(), *road}
     found = {k: v for k, v in drop_log_values(values).items() if k in problem.config and k not in others}
-    later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
+    later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.get_latencies(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
         change = max(values.get(key, given[key]), 0.0) - given[key]
         if key in values:

@@ -94,7 +94,7 @@ class Worlds:
         """Return the total probability of the worlds that contain this named effect."""
         return sum(w.probability for w in self.known if effect in w.names)
 
-    def best(self) -> World:
+    def find_best(self) -> World:
         """Return the most probable world all of whose names have a probability of
         at least NAME_AT.
         """
@@ -103,7 +103,7 @@ class Worlds:
 
     def _compute_residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
         held = self.held
-        return [last.residuals] + ([] if held is None else [held.residuals(drop_log_values(values))])
+        return [last.residuals] + ([] if held is None else [held.compute_residuals(drop_log_values(values))])
 
     def _compute_mean_square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
         """Return the mean square of a channel's residuals in units of the noise,
@@ -135,8 +135,8 @@ def explain_remainder(
     """Return the result of the formula search, the names, and all worlds
     that were compared.
 
-    Formula and names are those of Worlds.best(). A name whose probability over all worlds
-    is below NAME_AT is dropped.
+    Formula and names are those of Worlds.find_best(). A name whose probability over all
+    worlds is below NAME_AT is dropped.
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
@@ -157,7 +157,7 @@ def explain_remainder(
         if found.formula is not None:
             worlds.add(n, last, found)
     worlds.weigh()
-    best = worlds.best()
+    best = worlds.find_best()
     shown = [
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)

@@ -66,7 +66,7 @@ class Judged:
     def converged(self) -> bool:
         return self.fit is not None and self.fit.converged
 
-    def sd(self) -> dict[str, float]:
+    def compute_sd(self) -> dict[str, float]:
         return dict(zip(self.values, np.sqrt(np.diag(self.covariance)), strict=True))
 
 
@@ -99,7 +99,7 @@ def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, flo
     total = 0.0
     for h in effects:
         fitted = sum(compute_ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
-        total += h.odds + h.ln_prior(values) - fitted
+        total += h.odds + h.compute_ln_prior(values) - fitted
     return total
 
 
@@ -181,7 +181,7 @@ class Around:
         self._gram = np.zeros((len(self.space.channels), size, size))
         tables = judged.fit.slopes[0]
         if self.space.lent is not None:
-            tables = self.space.own_slopes(self._x, judged.fit.residuals)
+            tables = self.space.compute_own_slopes(self._x, judged.fit.residuals)
         parts = zip(judged.fit.residuals, tables, self.space.groups, strict=True)
         for e, table, (_, c) in parts:
             k = self.space.channels.index(c)
@@ -201,7 +201,7 @@ class Around:
         """Return the set with these members, with approximate values and evidence."""
         space = self.space
         effects = tuple(h for h in space.asked if h.id in members)
-        mean, sd = space.prior(members)
+        mean, sd = space.compute_prior(members)
         there = {p.name for h in effects for p in h.effect.fitted}
         for k, p in enumerate(space.parameters):  # shapes of effects outside the set stay fixed
             if not p.strength and p.name not in there:
@@ -263,7 +263,7 @@ class Search:
         for _ in range(PASSES):
             best = self._climb(best)
             self._fit_rivals(best)
-            likeliest = max(self.all().values(), key=lambda j: j.evidence)
+            likeliest = max(self.list_judged().values(), key=lambda j: j.evidence)
             if likeliest.evidence < best.evidence + WORTH:
                 break
             self.judge(likeliest.ids, likeliest.values, best)
@@ -367,13 +367,13 @@ class Search:
             best = there
         return best
 
-    def probabilities(self) -> dict[frozenset[str], float]:
+    def compute_probabilities(self) -> dict[frozenset[str], float]:
         """Return the probabilities of all sets that were judged. Their sum is 1."""
-        sets = self.all()
+        sets = self.list_judged()
         ln = np.array([j.evidence for j in sets.values()])
         weight = np.exp(ln - ln.max())
         return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
-    def all(self) -> dict[frozenset[str], Judged]:
+    def list_judged(self) -> dict[frozenset[str], Judged]:
         """Return all sets that were judged; of a set that was fitted, the fit."""
         return self.near | self.known

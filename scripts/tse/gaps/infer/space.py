@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import NOISE_LIMIT
 from tse.gaps.infer.hypotheses import Hypothesis, choose_start, fit_prior
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, MIN_FIT_SPEED
 from tse.identify.lasting import Piece
 from tse.identify.problem import ACTIVE_TIME
@@ -72,24 +72,30 @@ class Space:
         self.effects = tuple(h for h in asked if h.id in self.members)
         strengths = [p for h in asked for p in h.effect.strengths]
         shapes = [p for h in self.effects for p in h.effect.shapes]
-        self.parameters: tuple[CatalogueParameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
+        self.parameters: tuple[CatalogueParameter, ...] = (
+            *STIFFNESS_PARAMETERS,
+            *dict.fromkeys(strengths),
+            *shapes,
+        )
         self.names = tuple(p.name for p in self.parameters)
-        self._there = {p.name for h in self.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
+        self._there = {p.name for h in self.effects for p in h.effect.fitted} | {
+            p.name for p in STIFFNESS_PARAMETERS
+        }
         self._inverse = np.array([n in COMPLIANCE for n in self.names])
-        self.mean, self.sd = self.prior(self.members)
+        self.mean, self.sd = self.compute_prior(self.members)
         self.information = np.diag(self.sd**-2)
         ends = np.array([(p.low, p.high) for p in self.parameters], float)
         self.low, self.high = np.sort([self.to_search(e) for e in ends.T], axis=0)
         self._lay_out()
 
-    def prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
+    def compute_prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return prior mean and sd of the unknowns if `members` are the effects of the
         set. The values for shapes of effects outside the set have no meaning.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
         for p in self.parameters:
-            if p in STIFFNESS:
+            if p in STIFFNESS_PARAMETERS:
                 found.append((1.0, STIFFNESS_SD))
             elif p.name in there or not p.strength:
                 found.append(fit_prior(p))
@@ -169,7 +175,7 @@ class Space:
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return the residuals of each group without bias, in units of the noise."""
-        whole = self.problem.residuals(self.values(x))
+        whole = self.problem.compute_residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
 
     def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
@@ -180,7 +186,7 @@ class Space:
         because effects outside the set have negligible sizes.
         """
         if self.lent is None:
-            return self.own_slopes(x, base)
+            return self.compute_own_slopes(x, base)
         found = self._simulate_slopes(x, base, ((1.0, True),))
         mine = np.array([n in self._there for n in self.names])
         for table, other in zip(found, self.lent, strict=True):
@@ -188,7 +194,7 @@ class Space:
             table[:, k] = other[:, k]
         return found
 
-    def own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+    def compute_own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """Return the partial derivatives of compute_slopes(), all
         simulated, none lent.
         """
@@ -210,7 +216,9 @@ class Space:
         found = np.zeros((len(whole), len(self.names)))
         for reach, chosen in parts:
             of = [k for k, n in enumerate(self.names) if (n in self._there) == chosen]
-            found[:, of] = self.problem.jacobian(values, whole, [self.parameters[k] for k in of], reach)
+            found[:, of] = self.problem.compute_jacobian(
+                values, whole, [self.parameters[k] for k in of], reach
+            )
         found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
@@ -231,7 +239,7 @@ class Space:
         row of a group, in units of the noise.
         """
         problem, rows = self.problem, self._rows[g]
-        speed = problem.config.wheel_radius_rear * problem.quantity("wheel_speed_rear")[rows]
+        speed = problem.config.wheel_radius_rear * problem.average_quantity("wheel_speed_rear")[rows]
         return problem.weight[rows] / np.maximum(speed, MIN_FIT_SPEED)
 
     @staticmethod

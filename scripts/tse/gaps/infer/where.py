@@ -12,11 +12,11 @@ from scipy.stats import false_discovery_control, spearmanr
 
 from tse.gaps.fit import Fit
 from tse.gaps.problem import Problem
-from tse.gaps.respond import ROAD, compute_responses, compute_signals
+from tse.gaps.respond import ROAD_BANK, compute_responses, compute_signals
 from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
-WINDOW = 1.0  # [s] length of the windows in which the mean square of a residual is computed
+RESIDUAL_WINDOW_TIME = 1.0  # [s] length of the windows in which the mean square of a residual is computed
 # share of the conditions found that may be due to chance (Benjamini-Hochberg)
 FALSE_DISCOVERIES = 0.01
 MIN_CORRELATION = 0.15  # min rank correlation with the mean square of a condition that is reported
@@ -31,7 +31,7 @@ PLACES = {
     "rear axle": "rear_angle",
     "side force": "force_y",
     "yaw moment": "yaw_moment",
-    "road (bank)": ROAD,
+    "road (bank)": ROAD_BANK,
     "sensor accel_y": "accel_y",
     "sensor yaw_rate": "yaw_rate",
 }
@@ -65,9 +65,9 @@ def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np
     Measurements are not used, because the residual contains their noise and would
     correlate with them.
     """
-    predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
-    steer = problem.quantity("steer_angle")
-    front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
+    predicted = problem.simulate_channels(values, ("accel_x", "accel_y", "vel_x"))
+    steer = problem.average_quantity("steer_angle")
+    front = problem.average_quantity("wheel_speed_front") * problem.config.wheel_radius_front
     rate = np.gradient(steer) / BLOCK_TIME
     return {
         "speed": predicted["vel_x"],
@@ -89,7 +89,7 @@ def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, f
     rows, found, p = problem.rows, [], []
     at = compute_features(problem, values)
     for c, mine in problem.used():
-        key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
+        key = rows.log[mine] * 10_000_000 + (rows.time[mine] // RESIDUAL_WINDOW_TIME).astype(np.int64)
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
         enough = count >= 0.5 * count.max(initial=0)
         if enough.sum() < MIN_WINDOWS:
@@ -164,10 +164,10 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
         # A road is independent of the steering. If the disturbance follows the
         # lateral acceleration of the car, it acts at a different place, so the road
         # is ranked last.
-        last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
+        last_of_all = id_ == ROAD_BANK and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(
-            place, compute_nats(size), share, float(size), "m/s2" if id_ == ROAD else units[id_].unit
+            place, compute_nats(size), share, float(size), "m/s2" if id_ == ROAD_BANK else units[id_].unit
         )
         found.append((last_of_all, -entry.nats, entry))
     return [e for *_, e in sorted(found, key=lambda x: x[:2])]

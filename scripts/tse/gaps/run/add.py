@@ -37,7 +37,7 @@ from tse.library import __version__
 from tse.library.core import NOMINAL, Config, library
 from tse.library.files import write_atomically
 
-VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
+VEHICLE_FILE, HEADER_FILE = "vehicle_improved.toml", "effects.h"
 FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
@@ -47,7 +47,7 @@ def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found
     The header is made from the vehicle file read back, so the two agree. A formula is
     written to files of its own.
     """
-    path = out / VEHICLE
+    path = out / VEHICLE_FILE
     vehicle = read_vehicle(vehicle_path)
     formula = result.formula or vehicle.formula
     for name in (FORMULA, FORMULA_HEADER):
@@ -58,9 +58,9 @@ def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found
             file.write(format_c_header(formula))
     with write_atomically(path) as file:
         file.write(make_vehicle_toml(replace(vehicle, formula=formula), problem, result))
-    with write_atomically(out / HEADER) as file:
+    with write_atomically(out / HEADER_FILE) as file:
         file.write(make_header(read_vehicle(path)))
-    return path, out / HEADER
+    return path, out / HEADER_FILE
 
 
 def write_formula_files(out: Path, improved: Path) -> list[Path]:
@@ -87,7 +87,7 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     }
     bands = {"longitudinal_stiffness_rear": ", follows the front one"}
     for k, (_, low, high) in list_known_stiffness(
-        replace(vehicle, values=values, calibration=known.calibration())
+        replace(vehicle, values=values, calibration=known.make_calibration())
     ).items():
         bands[NOMINAL[k]] = f", 95 %: {low:.4g} .. {high:.4g}"
     notes: dict[str, list[str]] = {}
@@ -113,8 +113,8 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
         title,
         vehicle,
         values,
-        known.uncertainty(vehicle),
-        format_calibration_table(**known.calibration()),
+        known.make_uncertainty(vehicle),
+        format_calibration_table(**known.make_calibration()),
         bands,
         notes,
         Path(FORMULA),

@@ -16,7 +16,7 @@ from tse.gaps.catalogue import load_catalogue
 from tse.gaps.fit import compute_gap, fit_parameters
 from tse.gaps.infer import detect
 from tse.gaps.infer.hypotheses import compute_threshold
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import prepare_all
 from tse.library.errors import UserError
@@ -103,7 +103,7 @@ def check_model(
     if not problem.logs:
         raise UserError("; ".join(notes) or "no log can be compared")
     say("fitting stiffness and biases")
-    baseline = fit_parameters(problem, STIFFNESS, {})
+    baseline = fit_parameters(problem, STIFFNESS_PARAMETERS, {})
     say("computing the smallest visible size of every effect")
     found = detect.compute_detectable(problem, baseline, list(load_catalogue().values()))
     return Check(

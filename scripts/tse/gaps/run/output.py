@@ -32,14 +32,14 @@ from tse.log.rows import CheckedLog
 from tse.report.results import convert_to_plain
 from tse.roads.road import write_road
 
-VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = (
+VERDICT_FILE, RESIDUALS_FILE, REPORT_FILE, PICTURE_FILE, ROAD_FILE = (
     "verdict.json",
     "residuals.parquet",
     "report.html",
     "gap.png",
     "road.csv",
 )
-COLUMNS = (
+RESIDUAL_COLUMNS = (
     "part",
     "log",
     "channel",
@@ -87,7 +87,7 @@ def write_all(
     result.words.insert(0, describe_stiffness(read_vehicle(improved)))
     say("residuals before and after")
     rows = make_table(parts, before, after)
-    with write_atomically(out / RESIDUALS, "wb") as file:
+    with write_atomically(out / RESIDUALS_FILE, "wb") as file:
         rows.to_parquet(file, engine="pyarrow", index=False, compression="zstd")
     changes = {FIT: compare_models(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:
@@ -105,8 +105,8 @@ def write_all(
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
     shown = report.ReportInput(result, named, rows, changes, gained, stiffness, [*old.filled])
-    report.write_report(out / REPORT, shown)
-    with write_atomically(out / VERDICT) as file:
+    report.write_report(out / REPORT_FILE, shown)
+    with write_atomically(out / VERDICT_FILE) as file:
         json.dump(
             convert_to_plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
             file,
@@ -115,17 +115,17 @@ def write_all(
         )
         file.write("\n")
     files = [
-        out / VERDICT,
+        out / VERDICT_FILE,
         improved,
         header,
         *add.write_formula_files(out, improved),
         *write_road_files(out, result),
-        out / REPORT,
-        out / RESIDUALS,
+        out / REPORT_FILE,
+        out / RESIDUALS_FILE,
     ]
     if importlib.util.find_spec("matplotlib") is not None:
-        pictures.draw_picture(out / PICTURE, rows, make_headline(result))
-        files.append(out / PICTURE)
+        pictures.draw_picture(out / PICTURE_FILE, rows, make_headline(result))
+        files.append(out / PICTURE_FILE)
     return WrittenFiles(files, gained, changes)
 
 
@@ -133,11 +133,11 @@ def write_road_files(out: Path, result: GapResult) -> list[Path]:
     """Write the roads that were found, and return the paths. Remove road files of an
     earlier run that are not written again.
     """
-    found = result.roads.profiles() if result.roads is not None else []
-    files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
+    found = result.roads.list_roads() if result.roads is not None else []
+    files = [out / (f"road_{k}.csv" if k > 1 else ROAD_FILE) for k in range(1, len(found) + 1)]
     for path, road in zip(files, found, strict=True):
         write_road(road, path)
-    for old in {*out.glob("road_*.csv"), out / ROAD} - {*files}:
+    for old in {*out.glob("road_*.csv"), out / ROAD_FILE} - {*files}:
         old.unlink(missing_ok=True)
     return files
 
@@ -184,7 +184,7 @@ def make_table(
         mine = after if part == FIT else drop_log_values(after)
         for when, values, model in (("before", before, level), ("after", mine, problem)):
             measured = np.nan_to_num(problem.measured)
-            left = problem.unbiased(measured - model.predict(values))
+            left = problem.subtract_bias(measured - model.predict(values))
             columns[f"predicted_{when}"] = measured - left
             columns[f"residual_{when}"] = np.where(problem.weight > 0, problem.weight * left, np.nan)
         columns["noise"] = np.where(
@@ -194,7 +194,7 @@ def make_table(
     found = pd.concat(frames, ignore_index=True)
     for name in ("part", "log", "channel"):
         found[name] = found[name].astype("category")
-    return found[list(COLUMNS)]
+    return found[list(RESIDUAL_COLUMNS)]
 
 
 def list_log_names(problem: Problem) -> list[str]:

@@ -16,11 +16,11 @@ from tse.gaps.fit import ChannelChange
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_picture, set_layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-MAX_POINTS = 3000  # max number of points of a line; longer logs are thinned such that peaks are kept
+MAX_GAP_POINTS = 3000  # max number of points of a line; longer logs are thinned such that peaks are kept
 # [s] A line is interrupted if there is no value for longer than this, because the channel
 # was not logged.
 HOLE = 1.0
-MAX_LOGS = 12  # logs that can be chosen in the figure; if there are more, those with the largest gap
+MAX_DRAWN_LOGS = 12  # logs that can be chosen in the figure; if there are more, those with the largest gap
 PICTURE_SECONDS = 8.0  # [s] length of the interval in gap.png
 
 
@@ -29,11 +29,11 @@ def _list_channels(table: pd.DataFrame) -> list[str]:
 
 
 def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Return part and name of each log. If there are more than MAX_LOGS, return those
-    with the largest residuals.
+    """Return part and name of each log. If there are more than MAX_DRAWN_LOGS, return
+    those with the largest residuals.
     """
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
-    worst = energy.sort_values(ascending=False).head(MAX_LOGS).index
+    worst = energy.sort_values(ascending=False).head(MAX_DRAWN_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
@@ -56,7 +56,7 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
             t = mine[mine["channel"] == channel].sort_values("time")
             for source, colour in SOURCE.items():
                 y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32)
-                time, y = thin_line(t["time"].to_numpy(), y, MAX_POINTS, HOLE)
+                time, y = thin_line(t["time"].to_numpy(), y, MAX_GAP_POINTS, HOLE)
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(time, 3),

@@ -19,8 +19,8 @@ from tse.car.vehicle import read_vehicle
 from tse.gaps.catalogue import Effect, Key, load_catalogue
 from tse.gaps.drives import Candidate, make_candidates, prepare_candidate
 from tse.gaps.fit import fit_parameters
-from tse.gaps.infer.detect import WAVE
-from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.infer.detect import ROAD_WAVELENGTH
+from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
 from tse.library.core import Config
 from tse.library.errors import UserError, suggest_names
@@ -31,12 +31,12 @@ NEED = 8.0  # [nat] evidence from which on two effects are separated
 # evidence for either of them, because models of a real car are not more accurate
 # than that.
 RIVAL_SHARE = 0.1
-NOTHING = 0.1  # [nat] a manoeuvre in which an effect has less evidence does not excite it
+MIN_EXCITED_NATS = 0.1  # [nat] a manoeuvre in which an effect has less evidence does not excite it
 # Relative change of the sum of squares at which a fit ends. It is small because the
 # logs have no noise, so that the sum of squares consists only of the difference of
 # the effects.
-EXACT = 1e-6
-MAX_STEPS = 30  # max number of evaluations of a fit
+FIT_TOLERANCE = 1e-6
+MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
 # A smaller share of an effect's evidence counts as 0. Such differences come from the step
 # size of the integration, and no model is that accurate.
 SAME = 0.02
@@ -157,16 +157,20 @@ def compute_worth(candidate: Candidate, config: Config, first: Effect, second: E
     for hidden, other in ((first, second), (second, first)):
         problem.measure(make_typical_values(problem, hidden))
         # If the manoeuvre does not excite the effect, there is nothing to fit.
-        if compute_expected_nats(problem, problem.residuals({})) < NOTHING:
+        if compute_expected_nats(problem, problem.compute_residuals({})) < MIN_EXCITED_NATS:
             shows.append(0.0)
             both.append(0.0)
             continue
-        plain = fit_parameters(problem, STIFFNESS, {}, tolerance=EXACT)
+        plain = fit_parameters(problem, STIFFNESS_PARAMETERS, {}, tolerance=FIT_TOLERANCE)
         shows.append(compute_expected_nats(problem, plain.residuals))
         shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
-        parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
+        parameters = [*STIFFNESS_PARAMETERS, *problem.strengths(other), *shapes]
         with_it = fit_parameters(
-            problem, parameters, plain.values | make_typical_values(problem, other), MAX_STEPS, EXACT
+            problem,
+            parameters,
+            plain.values | make_typical_values(problem, other),
+            MAX_PLAN_EVALUATIONS,
+            FIT_TOLERANCE,
         )
         left = min(compute_expected_nats(problem, with_it.residuals), shows[-1])
         both.append(left if left > SAME * shows[-1] else 0.0)
@@ -189,13 +193,13 @@ def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
 
 def make_typical_values(problem: Problem, e: Effect) -> dict[Key, float]:
     """Return the values of an effect at its typical size. A road profile is a sine with
-    the wavelength WAVE.
+    the wavelength ROAD_WAVELENGTH.
     """
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = np.sqrt(2.0) * p.scale
         return {
-            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT_DISTANCE / WAVE))
+            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT_DISTANCE / ROAD_WAVELENGTH))
             for k in problem.strengths(e)
         }
     values = {p.name: p.default for p in e.shapes}

@@ -47,7 +47,7 @@ class Posterior:
         """Ratio of each stiffness to that of the vehicle file."""
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
-    def sd(self, name: str) -> float:
+    def compute_sd(self, name: str) -> float:
         """Return the sd of a parameter. For a parameter in SCALE_PARTNERS (the scale of
         accel_y), return the sd of its sum with the weighted partner (body roll), because
         logs show only this sum.
@@ -56,7 +56,7 @@ class Posterior:
         w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))
 
-    def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
+    def make_uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
         Settings that this posterior contains are replaced, but not by less than MIN_SD,
@@ -67,12 +67,12 @@ class Posterior:
             return v  # all sds are 0: the car is known exactly
         v["model_sd"] = self.model_sd
         return v | {
-            key: max(self.sd(name), min(MIN_SD.get(key, 0.0), v[key]))
+            key: max(self.compute_sd(name), min(MIN_SD.get(key, 0.0), v[key]))
             for key, name in UNCERTAIN.items()
             if key != SCALE
         }
 
-    def calibration(self) -> dict[str, Any]:
+    def make_calibration(self) -> dict[str, Any]:
         """Return names, mean and covariance for format_calibration_table().
 
         Stiffness is given by the ln of its ratio to the improved vehicle file, so its

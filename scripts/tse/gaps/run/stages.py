@@ -68,11 +68,11 @@ def compute_stages(
     """
     again = Problem([remove_latencies(log, found) for log in ready], found, level.jobs)
     left = [
-        level.unbiased(level.predict({}) - np.nan_to_num(level.measured)),
-        again.unbiased(again.predict({}) - np.nan_to_num(again.measured)),
-        named[0].unbiased(named[0].predict(named[1]) - np.nan_to_num(named[0].measured)),
+        level.subtract_bias(level.predict({}) - np.nan_to_num(level.measured)),
+        again.subtract_bias(again.predict({}) - np.nan_to_num(again.measured)),
+        named[0].subtract_bias(named[0].predict(named[1]) - np.nan_to_num(named[0].measured)),
     ]
-    signal = level.unbiased(np.nan_to_num(level.measured))
+    signal = level.subtract_bias(np.nan_to_num(level.measured))
 
     def rms(x: np.ndarray) -> float:
         return float(np.sqrt(np.mean(x**2)))

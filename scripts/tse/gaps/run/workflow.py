@@ -39,7 +39,7 @@ from tse.roads.road_match import add_road, match_log
 # Key of EXIT for results that are less certain than a name: below NAME_AT, or look-alikes
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # exit codes
-LIKELY = 0.5  # min probability of an effect without a name that makes the verdict "possible"
+MIN_UNNAMED_PROBABILITY = 0.5  # min probability of an effect without a name that makes the verdict "possible"
 FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
 
 
@@ -212,7 +212,7 @@ def run_workflow(
         roads, problem = Roads(ready), level
     held_level = held
     if held is not None:
-        held = place_on_roads(roads.profiles(), held, ready_held, others, config, notes)
+        held = place_on_roads(roads.list_roads(), held, ready_held, others, config, notes)
     few, few_held = problem, held
     if is_long(problem):
         say("choosing the most informative stretches")
@@ -260,8 +260,8 @@ def run_workflow(
     if held is not None:
         say("checking the held-out logs")
         values = drop_log_values(found.after)
-        after = held.residuals(values)
-        changes = compare_models(held, held_level.residuals(found.naming.baseline.values), after)
+        after = held.compute_residuals(values)
+        changes = compare_models(held, held_level.compute_residuals(found.naming.baseline.values), after)
         elsewhere = find_excess_remainders(held, Fit([], values, after, np.zeros((len(after), 0))))
     say("comparing vehicle file, calibrated car and named effects")
     every_car = calibrate_every_car(ready, config, vehicle, jobs)
@@ -345,7 +345,10 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """
     if held is None or not naming.named:
         return False
-    return max(compute_gap(held, held.residuals(drop_log_values(naming.final.values))).values()) > NOISE_LIMIT
+    return (
+        max(compute_gap(held, held.compute_residuals(drop_log_values(naming.final.values))).values())
+        > NOISE_LIMIT
+    )
 
 
 def _count_seconds(problem: Problem) -> float:
@@ -377,7 +380,7 @@ def judge_run(
     naming, formula = found.naming, found.formula
     remains = drop_noise(left)
     words = [_describe_name(n, found.most_laps) for n in naming.named]
-    likely = [p for p in naming.possible if p["probability"] >= LIKELY]
+    likely = [p for p in naming.possible if p["probability"] >= MIN_UNNAMED_PROBABILITY]
     if naming.named and (naming.closes_most or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
     elif remains or formula or elsewhere:
