@@ -101,7 +101,7 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
         ["accel_y", "yaw_rate"],
         ["accel_y", "yaw_rate"],
     ]
-    assert "without accel_x" in logs[1].notes[0] and "without accel_x" in logs[2].notes[0]
+    assert "has no accel_x" in logs[1].notes[0] and "has no accel_x" in logs[2].notes[0]
     values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}
     of_all, of_some = (Problem([log], config) for log in logs[:2])
     for channel in ("accel_y", "yaw_rate"):

@@ -222,7 +222,7 @@ def run(tmp_path_factory):
 def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err
-    assert "A formula closes" in done.out and "not a cause" in " ".join(done.out.split())
+    assert "A formula closes" in done.out and "does not identify the cause" in " ".join(done.out.split())
     verdict, report = (
         json.loads((folder / "out" / "verdict.json").read_text()),
         (folder / "out" / "report.html").read_text(),
@@ -243,7 +243,7 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     assert formula.settings().items() <= improved.values.items()
     header = (folder / "out" / "effects.h").read_text()
     assert "formula_code_1" in header and formula.id in (folder / "out" / "tse_formula.h").read_text()
-    assert formula.text in report.replace("&lt;", "<") and "not a cause" in report
+    assert formula.text in report.replace("&lt;", "<") and "does not identify its cause" in report
 
 
 def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
