@@ -1,19 +1,19 @@
 /* estimator/align.c - align channels that have different latencies (settings
  * ..._latency): compose a row whose channels refer to the same time.
  *
- * L: latency of the latest channel, 0 if no channel is late. At the time `now` all
- * channels are known up to now - L. The composed row refers to that time, or to the row
- * of accel_x before it (latencies.c). Channel c is interpolated linearly between the
- * stored rows, at latency_age_c before `now`. The time step is that of the rows.
+ * L is the latency of the latest channel, or 0 if no channel is late. At the time `now`
+ * all channels are known up to now - L. The composed row refers to that time, or to the
+ * last row of accel_x before it (latencies.c). Channel c is interpolated linearly between
+ * the stored rows, at the time now - latency_age[c]. dt of a composed row is the time
+ * since the composed row before it.
  *
  * White noise that is interpolated between two rows with weights w and 1 - w has its
- * variance multiplied by w^2 + (1 - w)^2. The lost part, 2 w (1 - w), becomes
- * correlation with the neighbouring rows: at the low frequencies from which stiffness
- * and biases are estimated, the noise is as large as before. The sd of a channel
- * therefore remains that of the settings. With the smaller variance, a filter that
- * assumes independent rows would be overconfident and take the correlated noise for a
- * disturbance. The default filter estimates the noise variance of a channel from its
- * rows, and adds the lost part. */
+ * variance multiplied by w^2 + (1 - w)^2. The lost part, 2 w (1 - w), becomes correlation
+ * with the neighbouring rows: at the low frequencies from which stiffness and biases are
+ * estimated, the noise is as large as before. The sd of a channel therefore remains that
+ * of the settings. With the smaller variance, a filter that assumes independent rows
+ * would be overconfident and take the correlated noise for a disturbance. The default
+ * filter estimates the noise variance of a channel from the composed rows. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -47,7 +47,8 @@ static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Return whether the stored rows reach back to the age of the earliest channel. */
+/* Return whether the stored rows reach back to the time at which the earliest channel is
+ * read (latency_span before the newest row). */
 static int spans_latencies(const tse_params *p, const tse_alignment *m)
 {
   tse_real age = TSE_R(0);
@@ -81,10 +82,12 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, the n-th newest, and the row before it.
- * If one of the two rows lacks the channel, the nearer row decides whether it is
- * known. A channel that is logged in every second row is thus known in every second
- * row, at its time.
+/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If only
+ * one of the two rows has the channel, the row that is nearer in time decides. If the
+ * nearer row lacks the channel, the result is missing. Otherwise interpolate from the
+ * nearer row to the next row beyond the other one that has the channel, or take the value
+ * of the nearer row. A channel that is logged in every second row is thus known in every
+ * second row.
  *   Given:     share  weight of the newer row
  *   Returned:  as read_channel() */
 static int interpolate_rows(

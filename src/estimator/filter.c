@@ -78,7 +78,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 {
   if (!p || !f || !u) return TSE_E_NULL;
   if (!params_match(p, f)) return TSE_E_STATE;
-  if (p->form != 0 && u->given) return TSE_E_INPUT; /* the particle filter would ignore them */
+  if (p->form != 0 && u->given) return TSE_E_INPUT; /* the particle filter would ignore optional channels */
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;
 #endif

@@ -39,12 +39,12 @@ typedef struct reading_time {
 } reading_time;
 
 /* Compute the time to which a processed row refers: the newest time at which all channels
- * are known or, if rows are sample_time apart, the row of accel_x before it. accel_x is
- * then not interpolated. Interpolated noise is correlated with that of the neighbouring
- * rows, and v_x follows it: interpolation of accel_x by half a row biased the
- * longitudinal stiffness by 8 % and was taken for a disturbance. Noise of accel_y and of
- * the gyro has no such effect (tests/lab/test_latency.py). If all three come from one
- * IMU, none is interpolated. */
+ * are known or, if rows are sample_time apart, the last row of accel_x before that time.
+ * accel_x is then not interpolated. The reason is that interpolated noise is correlated
+ * with that of the neighbouring rows, and v_x follows this noise: interpolation of
+ * accel_x by half a row biased the longitudinal stiffness by 8 %, and the filter took the
+ * noise for a disturbance. Noise of accel_y and of the gyro has no such effect
+ * (tests/lab/test_latency.py). If all three come from one IMU, none is interpolated. */
 static reading_time compute_reading_time(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };

@@ -8,10 +8,12 @@
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets none */
 #define MIN_WHEEL_SD TSE_S(0.012) /* [m/s] min sd of the noise of a wheel speed */
-#define MIN_RELAXATION TSE_S(0.05) /* [m] min relaxation length: at 10 m/s a shorter one ends in a substep */
-#define MIN_RADIUS_SD TSE_R(0.002) /* [1] min prior sd of the front radius: changes by pressure
-                                    * and temperature. A quarter of it is half the slip of
-                                    * steady driving */
+/* [m] Min relaxation length. With a shorter one the slip angle settles within one substep
+ * at 10 m/s. */
+#define MIN_RELAXATION TSE_S(0.05)
+#define MIN_RADIUS_SD TSE_R(0.002) /* [1] min prior sd of the relative front wheel radius, which
+                                    * changes with pressure and temperature. Even a quarter of
+                                    * this sd is half the slip of steady driving */
 #define DEFAULT_ROLLING TSE_S(0.01) /* [1] rolling resistance of a freely rolling axle if its setting is 0 */
 
 /* Mix a word into the FNV-1a fingerprint h. The fingerprint detects a filter that was
@@ -44,9 +46,10 @@ static uint32_t compute_fingerprint(const tse_config *c)
 }
 
 /* Mix a setting of an effect that defines relative stiffness into the fingerprint, if the
- * effect is active. An inactive effect does not change the fingerprint, so that states
- * persisted before the effect existed stay valid. The value is mixed in single precision,
- * because builds of different number formats round decimal numbers differently. */
+ * effect is active. An inactive effect does not change the fingerprint, so that learnt
+ * states saved before the effect existed stay valid. The value is mixed in single
+ * precision, because builds of different number formats round decimal numbers
+ * differently. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -60,12 +63,12 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
   const uint64_t on = find_active_effects(c)
-      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* exact in every filter */
+      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* kinematics are exact in every filter */
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* this setting counts only if it is not 0: states persisted before it
-     * existed stay valid */
+    /* this setting counts only if it is not 0: states saved before it existed then stay
+     * valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
     h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
@@ -114,14 +117,14 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 /* Limits of the constants in fixed point. A covariance in sigma^2 contains squares of
  * these quantities, up to FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10, and
  * an increment per row must be at least one step. */
-#define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car: for a
-                                       * slip of 10 % and a stiffness error of 30 % */
+#define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car, which is
+                                       * enough for a slip of 10 % and a stiffness error of 30 % */
 #define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */
 #define MAX_BIAS_VAR TSE_R(16777216) /* [sigma^2] max initial bias variance, and max of its walk per second */
 #define MAX_NOISE TSE_R(65536) /* [1] max of noise_max squared */
 
-/* Return whether a positive rate gives no increment per row: less than a step
- * of the format. */
+/* Return whether the increment per row of a positive rate is rounded to 0, because it is
+ * less than a step of the format. */
 static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
 /* Check that the constants are within these limits.
@@ -280,7 +283,8 @@ static void prepare_car(const tse_config *c, tse_params *p)
   prepare_prior(c, p);
 }
 
-/* Compute stiffness over mass and yaw arms. */
+/* Compute the ratios of stiffness to mass, and those of axle distance times mass to yaw
+ * inertia. */
 static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -293,8 +297,8 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   p->mass_var = real_of(compute_square(c->mass_sd));
 }
 
-/* Convert sds, biases and bias walks of the IMU to units of the sensors' sds.
- *   Updated:  p  already has them in SI units */
+/* Convert sds, biases and bias walks of the IMU from SI units to sds of the sensor.
+ *   Updated:  p  has them in SI units before the call */
 static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
@@ -305,14 +309,14 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Compute times and limits of a row, and the max step of form 1, which the fastest
- * damping of the car determines. */
+/* Compute times and limits of a row. For form 1 also compute the max and min integration
+ * step, and the damping rate of the car from which each row computes its step. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
-  /* dampings times speed: of v_x (by longitudinal stiffness), of v_y and of the yaw rate
-   * (by cornering stiffness) */
+  /* damping rates times speed: of v_x (due to the longitudinal stiffness), of v_y and of
+   * the yaw rate (both due to the cornering stiffness) */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
   tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
   const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
@@ -327,7 +331,7 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(compute_square(c->valid_sd));
 }
 
-/* Compute prior, memory and limits of form 1, and the aging of a persisted state
+/* Compute prior, memory and limits of form 1. Also compute the ageing of a learnt state
  * (learnt_floor, learnt_walk), which both forms use. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
@@ -349,11 +353,12 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->learnt_walk = real_of(compute_square(c->learnt_walk_day));
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
-  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* no larger than initial values */
+  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* initial values are w_min or more */
   p->steady_walk = real_of(compute_square(c->steady_walk));
 }
 
-/* Compute all constants of a filter, in the order of their dependence.
+/* Compute all constants of a filter. A function that uses results of another one is
+ * called after it.
  *   Given:  settings  checked by tse_config_check() */
 static void make_params(const tse_config *settings, tse_params *p)
 {

@@ -22,7 +22,7 @@ void tse_config_exact(tse_config *c)
 /* Return the stiffness of an axle: the setting or, if that is 0, the value of the vehicle
  * class for the load of the axle.
  *   Given:  as_set      the setting
- *           share       stiffness over load, of the vehicle class
+ *           share       [1/rad, or 1] ratio of stiffness to load of the vehicle class
  *           other_axle  [m] distance of the other axle from the centre of gravity */
 static tse_setting choose_stiffness(
     const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
@@ -72,7 +72,7 @@ void tse_config_paper(tse_config *c)
   c->initial_spread = TSE_S(0.3);       /* the paper's "30 %", as sd of the mean and as spread */
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* max of the setting: no limit on w in effect */
+  c->stiffness_max = TSE_S(20); /* the max of the setting leaves w without a limit in effect */
 }
 
 void tse_config_robust(tse_config *c)

@@ -1,5 +1,5 @@
-/* estimator/stages.h - stages that filters share: checked row, alignment,
- * start, report. Internal. */
+/* estimator/stages.h - stages that both filters share: checked row, alignment, start,
+ * report. Internal. */
 #ifndef TSE_STAGES_H
 #define TSE_STAGES_H
 
@@ -13,7 +13,7 @@
 typedef struct sample {
   inputs u;           /* steering angle and wheel speeds, or their last values */
   tse_real dt;        /* [s] time since the previous row */
-  tse_real y[3];      /* [sigma] accel_x, accel_y, yaw rate over their sd; 0 if unused */
+  tse_real y[3];      /* [sigma] accel_x, accel_y, yaw rate, divided by their sds; 0 if unused */
   tse_real use[3];    /* 1: used; 0: missing */
   tse_real lost[3];   /* [1] share of the noise variance lost by interpolation (align.c) */
   int32_t used;       /* number of accel_x, accel_y, yaw rate that are used */
@@ -27,7 +27,7 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
 
 /* align.c: compose the row of the newest time at which all channels are known.
  *   Updated:   f->waiting, unless the result is negative
- *              row         if the result is TSE_OK. A step never refuses it
+ *              row         if the result is TSE_OK. It is then a valid row for a step
  *   Returned:  TSE_OK, TSE_W_WAITING if there is no new row yet, or a negative status if
  *              u is refused
  *   O(TSE_LATENCY_ROWS) time. */
@@ -49,7 +49,7 @@ tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u
 void report_particles(
     const tse_params *p, const tse_filter *f, tse_output *now, tse_real lam[6], tse_real *nu);
 
-/* learnt.c: return the CRC-32 of these bytes. */
+/* learnt.c: return the CRC-32 of `count` bytes. */
 uint32_t crc32_of(const uint8_t *bytes, size_t count);
 
 /* Return whether the channel is missing: its bit is set, or its value is NaN. */

@@ -1,22 +1,23 @@
-/* filter/backwards.c - find whether the car rolls backwards, because many wheel speeds
- * have no sign.
+/* filter/backwards.c - find whether the car rolls backwards. Many wheel speeds have no
+ * sign, so that the direction must be found from other channels.
  *
  * In reverse the yaw rate has the opposite sign of the steering angle, and accel_x is
  * negative while the speed increases. The log odds of reverse are computed from each of
- * these two facts, from standstill or the first row on. The car rolls backwards if
- * their sum is large and neither contradicts: a channel with a wrong sign changes only
- * one of them. */
+ * these two facts, from standstill or the first row on. The car rolls backwards if the
+ * sum of both log odds is large and neither of the two contradicts: a channel with a
+ * wrong sign changes only one of them. */
 #include "filter/filter.h"
 
-/* Return the log odds of y = -x against y = x.
- *   Given:  var  variance of the error of x or y */
+/* Return the natural log odds of y = -x against y = x.
+ *   Given:  var  variance of the error of y + x, or of y - x */
 static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
 {
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the yaw rate and the steering angle, which may
- * have an offset. */
+/* Update the log odds of reverse from the yaw rate and the steering angle, which may have
+ * an offset.
+ *   Given:  turn  [rad/s] measured yaw rate, less the gyro bias */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
   const tse_real wheelbase = p->car.lf + p->car.lr;
@@ -27,9 +28,9 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the gain of speed and the integral of accel_x, on a
- * road that may have a grade. The log odds with the largest magnitude so far are kept,
- * because errors of the integral grow with time. */
+/* Update the log odds of reverse from the gain of speed and the integral of accel_x. The
+ * variance allows for the grade of the road. The log odds with the largest magnitude so
+ * far are kept, because errors of the integral grow with time. */
 static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);

@@ -4,25 +4,27 @@
  * An event of amplitude w ~ N(0, 1) shifts the state by w v. The sensitivity v is
  * propagated with the filter's own transitions and gains. Each innovation then has the
  * mean w h' v, which gives the exact likelihood of w (Willsky & Jones 1976) at a
- * hundredth of the cost of a second filter. A new hypothesis of each kind is opened at
- * regular intervals, in one of the slots of the kind.
+ * hundredth of the cost of a second filter. At regular intervals a new hypothesis of each
+ * kind is opened. It occupies a slot, i.e. an element of tse_kalman.event that is
+ * reserved for its kind.
  *
  * Events form two groups. When the posterior probability of "no event" in a group falls
  * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if its
  * own probability is below BELIEVED: the state is shifted, and its covariance is
  * increased by the variances of the kind. A hypothesis that is discarded is merged into
- * the state with its probability. After a change the tyres may return to the road before,
+ * the state with its probability. After a change the car may return to the previous road,
  * as behind a patch of ice or water. The amplitude of this event is known, w = 1, and the
- * stiffness of that road is recalled. */
+ * stiffness of the previous road is recalled. */
 #include "filter/filter.h"
 
-/* A state, and the sd by which an amplitude of 1 shifts it. state is -1 in
- * unused elements. */
+/* A state that an event shifts, and the size of the shift at an amplitude of 1: `by` is
+ * the index of an sd in get_sd(). In unused elements `state` is -1. */
 typedef struct opens {
   int8_t state, by;
 } opens;
 
-/* Sds by which events shift states, SI. */
+/* Indices of the sds by which events shift states, and a function that returns the sd of
+ * an element, SI. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real get_sd(const opens *o)
 {
@@ -31,8 +33,8 @@ static tse_real get_sd(const opens *o)
   return sds[o->by];
 }
 
-/* Number of slots of EVENT_ROAD. These come first, then as many slots of the second
- * amplitude, EVENT_ROAD_AXLE_DIFF. Each other kind has one slot. */
+/* Number of slots of EVENT_ROAD. They are the first slots. As many slots of the second
+ * amplitude, EVENT_ROAD_AXLE_DIFF, follow. Each other kind has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char
     roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
@@ -60,10 +62,10 @@ typedef struct kind {
 } kind;
 
 /* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX by
- * the same share as the cornering stiffness. It also adds to LCX an sd of twice the model
- * error along the car, once for the old and once for the new tyres. UNUSED: for
- * EVENT_ROAD_RETURN, open_slot() sets the states. A faulty sensor shifts no state, but
- * its own measurements (events_learn()). */
+ * the same share as the cornering stiffness. It also adds to LCX an sd of twice the
+ * longitudinal model error, once for the old and once for the new tyres. UNUSED: the
+ * table gives no states. The states of EVENT_ROAD_RETURN are set by open_slot(). A faulty
+ * sensor shifts no state, only its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -148,7 +150,8 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
   return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
-/* Return whether a slot holds an event, not a second amplitude of one. */
+/* Return whether a slot holds an event. It may also be free or hold a second
+ * amplitude. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
 /* Compute information and score of slot n. If the event has a second amplitude, integrate
@@ -174,7 +177,7 @@ static event_posterior integrate_second(const tse_kalman *k, int n)
   return s;
 }
 
-/* If the event is a return to the road before, its amplitude is known: 1. */
+/* If the event is a return to the previous road, its amplitude is known: 1. */
 event_posterior compute_posterior(const tse_kalman *k, int n)
 {
   const int known = k->event[n].kind == EVENT_ROAD_RETURN;
@@ -186,9 +189,9 @@ event_posterior compute_posterior(const tse_kalman *k, int n)
 
 /* Update an event with a measurement.
  *   Given:  y      shift of the innovation by an amplitude of 1
- *           ys     y over the variance of the innovation
+ *           ys     y / variance of the innovation
  *           e      innovation
- *           first  for a second amplitude: y of its first amplitude */
+ *           first  for a second amplitude: y of the first amplitude of this event */
 static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
   a->info = r_min(a->info + r_mul(y, ys), MAX_INFO);
@@ -237,19 +240,20 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
   }
 }
 
-/* Return whether a kind of event may be accepted because its sensor is frozen. At most
- * one channel is at fault at a time. */
+/* Return whether an event of this kind may be accepted because its sensor is frozen. This
+ * needs that no channel is at fault yet: at most one is at a time. */
 static int can_name_frozen(const tse_kalman *k, int32_t which)
 {
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
 }
 
 /* Return the log2 penalty of an event that increases a cornering stiffness. The nominal
- * stiffness is that of a road with grip, so that other roads decrease it. A change of the
- * road is penalised, according to the prior sd, if it leads to more than nominal. A
- * change of an axle is penalised for the whole increase, less the decrease by the last
- * change. Otherwise stiffer rear tyres would be as likely as softer front tyres, which
- * have the same effect on the steering. */
+ * stiffness is that of a road with good grip, so that a change to a different road
+ * decreases the stiffness. A change of the road is penalised, according to the prior sd,
+ * if it leads to more than the nominal stiffness. A change of an axle is penalised for
+ * the whole increase, less the decrease at the last change. Without this penalty stiffer
+ * rear tyres would be as likely as softer front tyres, which change the response to
+ * steering in the same way. */
 static tse_real penalise_stiffer(
     const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
@@ -261,7 +265,7 @@ static tse_real penalise_stiffer(
     const tse_real fallen = changed ? r_min(k->x[i] - k->change_from[i - LCX], TSE_R(0)) : TSE_R(0);
     const tse_real from = axle ? fallen : k->x[i];
     if (!(share > TSE_R(0)) || !(from + share > TSE_R(0))) continue;
-    /* log(1 + share), to second order */
+    /* ln(1 + share), to second order */
     const tse_real at = from + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share));
     const tse_real var = axle ? r_sqr(MODEL_FLOOR) : r_sqr(p->prior_sd[i]) + r_sqr(USUAL_MODEL_SD);
     if (at > TSE_R(0)) largest = r_max(largest, r_div(r_sqr(at), var));
@@ -269,10 +273,10 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return the log2 likelihood ratio of slot n: this event over no event. If the event is a
+/* Return the log2 likelihood ratio of slot n: its event to no event. If the event is a
  * faulty sensor, the ratio is at least the evidence that the sensor is frozen. For
- * SETTLE_TIME after a change of tyres the ratio of a fault is at most 0: innovations are
- * large until the new stiffness is found. */
+ * SETTLE_TIME after a change of tyres the ratio of a fault is at most 0, because
+ * innovations are large until the new stiffness is found. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -365,8 +369,8 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Update the filter with a measurement of state i: its value before the last change, with
- * the variance it had then. */
+/* Update the filter with a pseudo-measurement of state i: the value and variance that the
+ * state had before the last change. */
 static void recall_state(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
@@ -395,8 +399,8 @@ int can_return(const tse_kalman *k)
 /* Find a slot for the next event of a kind: a free slot, otherwise the slot of the oldest
  * event. If a kind has several slots, its most likely event keeps its slot for ROAD_TIME,
  * because on a drive with few bends one second holds little evidence. An event that is
- * not accepted by then is drift or model error. The event of an axle keeps its slot for
- * the same time while it is more likely than no event.
+ * not accepted by then is drift or model error. A change of an axle also keeps its slot
+ * for ROAD_TIME while it is more likely than no event.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event at which a new one is opened
  *   Returned:  -1 if none is to be opened now */
@@ -420,8 +424,9 @@ static int find_slot(
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift the state by `by`. A change of tyres gives `by` as a share of the tyre force:
- * stiffness and grip, which are logarithms, shift by log(1 + by).
+/* Shift the state by `by`. For a change of tyres the elements of `by` for stiffness and
+ * grip are relative changes of the tyre force. These states are logarithms, and therefore
+ * shift by ln(1 + by).
  *   Returned:  rescale  derivative of the shifted state with respect to `by` */
 static void move_state(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
@@ -439,9 +444,10 @@ static void move_state(
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-/* Add var v v' to the covariance.
- *   Given:  slopes   v in the units of `by` of move_state()
- *           rescale  from move_state(), converts it */
+/* Add var v v' to the covariance, v being the product of slopes and rescale, element by
+ * element.
+ *   Given:  slopes   in the units of `by` of move_state()
+ *           rescale  from move_state() */
 static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
@@ -451,9 +457,9 @@ static void add_rank_one(
   ud_add(&k->ud, v, STATES - 1, var);
 }
 
-/* Add the independent variances of a kind (kind.own). For a change of tyres also add
- * (OWN_SHARE times the step of the stiffness)^2: the linearisation error of earlier
- * updates.
+/* Add the independent variances of a kind (kind.own) to the covariance. For a change of
+ * tyres also add (OWN_SHARE times the step of the stiffness)^2, the linearisation error
+ * of earlier updates.
  *   Given:  was     stiffness and grip before the step
  *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
@@ -471,10 +477,10 @@ static void widen_states(
   }
 }
 
-/* Return the weight with which a discarded event is merged. For a lateral event it is
- * the square of its probability, because events of small probability are mostly model
- * errors. It is 0 below MIN_WEIGHT, and for longitudinal events: slip is estimated
- * from each row. */
+/* Return the weight with which a discarded event is merged. For a lateral event it is the
+ * square of its probability, because events of small probability are mostly model errors.
+ * If that is below MIN_WEIGHT, it is 0. It is also 0 for longitudinal events, because
+ * slip is estimated from each row. */
 static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
   const tse_real weight = k->event[n].kind != EVENT_NONE && get_group(k->event[n].kind) == LATERAL
@@ -504,9 +510,10 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it into the state with this weight. The slip stiffness
- * without model error (tse_along) receives the added variance. Its mean changes only with
- * accepted changes of tyres. */
+/* Discard event n and merge it into the state with this weight. For a change of tyres LCX
+ * is not shifted: the mean of the slip stiffness changes only with accepted changes of
+ * tyres. The variance that LCX gains is also added to the slip stiffness without model
+ * error (tse_along). */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -516,9 +523,9 @@ static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real we
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind that is due. An older event in its slot is discarded.
- * At most one event is merged per row, which bounds the computing time. The slots are in
- * the order of the kinds. */
+/* Open the next event of each kind that is due. The event that was in its slot is
+ * discarded. At most one event is merged per row, which bounds the computing time. The
+ * slots are in the order of the kinds. */
 static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, has_merged = 0;
@@ -582,10 +589,10 @@ static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_re
   return best;
 }
 
-/* Merge the accepted event n into the state. If it is a change of tyres, also merge
- * the other possible changes of tyres, each with its share of the probability
- * unless it is below 1 - BELIEVED: what looks like a change of an axle may have
- * been one of the road. */
+/* Merge the accepted event n into the state. If it is a change of tyres, also merge the
+ * other possible changes of tyres, because what looks like a change of an axle may have
+ * been a change of the road. Each is merged with its share of the probability, unless
+ * this share is below 1 - BELIEVED. */
 static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,

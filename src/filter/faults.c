@@ -1,5 +1,5 @@
-/* filter/faults.c - find channels that are frozen, and when a faulty channel
- * is right again. */
+/* filter/faults.c - find channels that are frozen, and the time for which a faulty
+ * channel has agreed with the prediction again. */
 #include "filter/filter.h"
 
 /* The evidence is -log2 of the probability that a working channel repeats its value so
@@ -41,8 +41,8 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* The channel agrees with the prediction if e^2 < TAIL S and it is not frozen. This S
- * does not include the consider parameters. */
+/* The channel agrees with the prediction if e^2 < TAIL S and it is not frozen. The
+ * variance S used here does not include the consider parameters. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];

@@ -18,22 +18,24 @@
 
 /* ------------------------------------------------------------------------------ types */
 
-/* Axle that rolls freely: no torque acts on it, and its wheels measure the speed
- * of the car. */
+/* Axle that rolls freely: no torque acts on it, so that its wheels measure the speed of
+ * the car. ROLLS_UNKNOWN: it is not known whether an axle does. ROLLS_NONE: none does,
+ * because the car brakes or both axles are driven. */
 enum { ROLLS_UNKNOWN, ROLLS_NONE, ROLLS_FRONT, ROLLS_REAR };
 
-/* A checked log row. Arrays of TSE_SENSORS are in the order of ACCEL_X ... */
+/* A checked log row. Arrays of TSE_SENSORS elements are in the order ACCEL_X, ACCEL_Y,
+ * YAW_RATE, WHEEL_FRONT, WHEEL_REAR. */
 typedef struct decoded {
   tse_real dt;              /* [s] time since the previous row */
   tse_real steer;           /* [rad] logged steering angle, or the last one */
-  tse_real z[TSE_SENSORS];  /* measurements, SI; wheel speeds times radius [m/s]; 0 if not used */
-  tse_real axle[2];         /* [m/s] front and rear wheel speed as logged, times radius */
+  tse_real z[TSE_SENSORS];  /* measurements, SI; wheel speeds times wheel radius [m/s]; 0 if not used */
+  tse_real axle[2];         /* [m/s] front and rear wheel speed as logged, times wheel radius */
   int32_t use[TSE_SENSORS]; /* 1: the measurement is used */
   int32_t has_steer;        /* 1: the steering angle is given */
   int32_t used;             /* number of IMU channels used */
   int32_t equal;            /* 1: both wheel speeds are equal */
-  int32_t same;             /* 1: both wheel speeds are equal, or their ratio is the previous one */
-  int32_t off[2];           /* 1: the axle's speed has changed, to a value that the other axle lacks */
+  int32_t same;             /* 1: both wheel speeds are equal, or have the same ratio as before */
+  int32_t off[2];           /* 1: the wheel speed of this axle is new, and the other axle never had it */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
   int32_t no_second;        /* 1: only one speed is measured. Slip is computed from the force */
   tse_real optional[TSE_OPTIONALS]; /* optional channels; 0 if not given */
@@ -42,8 +44,8 @@ typedef struct decoded {
   int32_t no_slip;                  /* 1: the longitudinal stiffness is not estimated from this row */
 } decoded;
 
-/* Kinds of events, defined by a table in events.c. TSE_SMALL has only changes
- * of the road. */
+/* Kinds of events. The table in events.c describes each of them. A TSE_SMALL build has
+ * only EVENT_ROAD and its second amplitude. */
 enum {
   EVENT_NONE,
   EVENT_ROAD,           /* a different road surface, which acts on all tyres */
@@ -54,7 +56,7 @@ enum {
   EVENT_SLIP_FRONT,     /* front wheels lock or spin */
   EVENT_SLIP_REAR,      /* rear wheels lock or spin */
   EVENT_STEER,          /* faulty steering angle */
-  EVENT_SENSOR,         /* a faulty ACCEL_X; the other sensors follow, one kind each */
+  EVENT_SENSOR,         /* faulty ACCEL_X. The kinds for the other sensors follow in their order */
   EVENT_KINDS = HAS_SLIP ? EVENT_SENSOR + TSE_SENSORS : EVENT_ROAD_RETURN
 };
 
@@ -66,13 +68,14 @@ enum { NO_FAULT, FAULT_STEER = 1 + TSE_CHANNEL_steer_angle, FAULT_VELOCITY = 1 +
  * tse_kalman.frozen. The sensors come first. */
 enum { STEERING = TSE_SENSORS };
 
-/* `channel` of use_scalar() for a measurement that is not of one of the TSE_SENSORS: it
- * depends on the longitudinal or on the lateral motion. */
+/* Values of the argument `channel` of use_scalar() for a measurement that is not made by
+ * one of the TSE_SENSORS. The first one is for measurements that depend on the
+ * longitudinal motion, the second one for those that depend on the lateral motion. */
 enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
 /* A scalar measurement with its prediction. */
 typedef struct scalar {
-  int32_t along;                     /* 1: the car drives; a longitudinal channel may show a tyre change */
+  int32_t along;                     /* 1: the car drives: longitudinal channels may reveal tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, in state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */
@@ -81,13 +84,13 @@ typedef struct scalar {
   tse_real dt;                       /* [s] time since the previous measurement of this channel */
 } scalar;
 
-/* Posterior of the amplitude w of an event. With w the state shifts by w v, where v
- * is its sensitivity. A road change has a second amplitude w2 with the sensitivity
- * v2. It is integrated out: given w, its mean is beside - part w, and the state
- * shifts by w (v - part v2) + beside v2. */
+/* Posterior of the amplitude w of an event. The event shifts the state by w v, v being
+ * the sensitivity of the state (tse_event.v). A change of the road has a second amplitude
+ * w2, with the sensitivity v2. It is integrated out: given w, the mean of w2 is
+ * beside - part w, so that the state shifts by w (v - part v2) + beside v2. */
 typedef struct event_posterior {
   tse_real amplitude, var;     /* mean and variance of w */
-  tse_real info, score;        /* information about w in the samples, and their score */
+  tse_real info, score;        /* information (1/variance) on w from the samples; their score */
   tse_real part;               /* decrease of the mean of w2 per unit of w; 0 without w2 */
   tse_real beside, beside_var; /* mean of w2 at w = 0, and its variance given w; 0 without w2 */
   const tse_event *second;     /* event of w2, with v2; NULL without w2 */
@@ -109,14 +112,15 @@ static inline int is_rolling_axle(int32_t rolls) { return rolls == ROLLS_FRONT |
 /* Return whether a sensor is a wheel speed. */
 static inline int is_wheel(int channel) { return channel == WHEEL_FRONT || channel == WHEEL_REAR; }
 
-/* Return the axle that is not driven. It rolls freely while the car does not brake. */
+/* Return the axle that is not driven. It rolls freely while the car does not brake. If
+ * both axles are driven, or the driven axle is unknown, return ROLLS_UNKNOWN. */
 static inline int32_t find_undriven_axle(const tse_car *c)
 {
   if (c->driven == 1) return ROLLS_REAR;
   return c->driven == 2 ? ROLLS_FRONT : ROLLS_UNKNOWN;
 }
 
-/* Return the number in tse_output.fault_channel of a sensor, ACCEL_X ... */
+/* Return the number that sensor a (ACCEL_X ...) has in tse_output.fault_channel. */
 static inline int32_t fault_of(int32_t a)
 {
   return 1
@@ -149,16 +153,17 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
 
 /* --------------------------------------------------------------------------- faults.c */
 
-/* Return whether a channel is frozen: a sensor, or STEERING for the steering angle. */
+/* Return whether a channel is frozen, i.e. repeats its value although it should change.
+ *   Given:  channel  ACCEL_X ..., or STEERING for the steering angle */
 int is_frozen(const tse_kalman *k, int channel);
 
 /* Return whether a sensor is neither frozen nor at fault. */
 int is_usable(const tse_kalman *k, int channel);
 
-/* Update the evidence that channel c is frozen. z is its new reading.
- *   Given:    nis    squared innovation over the noise variance (not over S). If it is
- *                    small, a repeated value is weak evidence: it agrees with the
- *                    prediction
+/* Update the evidence that channel c is frozen. z is the new reading of the channel.
+ *   Given:    nis    ratio of the squared innovation to the noise variance (not to S). If
+ *                    it is small, a repeated value agrees with the prediction and is only
+ *                    weak evidence
  *             least  min probability that a working channel repeats its value */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt);
 
@@ -168,9 +173,9 @@ void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real leas
  *   Returned:  1 in the row in which the angle turns out to be frozen, otherwise 0 */
 int watch_steering(tse_kalman *k, decoded *z);
 
-/* Compute the innovation and its variance of a channel that is not used for the
- * update. If the channel is the one at fault, update the time for which it has agreed
- * with the prediction. */
+/* Compute the innovation of a channel that is not used for the update, and the variance
+ * of that innovation. If the channel is the one at fault, update the time for which it
+ * has agreed with the prediction. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m);
 
 /* -------------------------------------------------------------------- sensitivities.c */
@@ -189,67 +194,72 @@ void sensitivities_clear(tse_kalman *k, int count);
 /* Multiply all sensitivities of state i by `left`. */
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 
-/* Return the variance of state i [unit^2], the part due to consider
- * parameters included. */
+/* Return the variance of state i [unit^2], including the part due to consider
+ * parameters. */
 tse_real compute_total_variance(const tse_kalman *k, int i);
 
 /* ------------------------------------------------------------------- slip_stiffness.c */
 
-/* The state LCX is the logarithm of the slip stiffness plus a model error along the car.
- * These functions estimate the slip stiffness without the model error (tse_along). */
+/* The state LCX is the logarithm of the longitudinal (slip) stiffness plus a longitudinal
+ * model error. These functions estimate the slip stiffness without this error
+ * (tse_along). */
 
-/* Start the estimate of the slip stiffness at LCX, with this prior variance. */
+/* Start the estimate of the slip stiffness at the present value of LCX, with the prior
+ * variance `var`. */
 STAGE void along_start(tse_kalman *k, tse_real var);
 
-/* Return w = P^2/(P^2 + B^2 (P - V)): the part of the change of LCX that belongs to
- * the slip stiffness. The other part, 1 - w, belongs to the model error. P is the
- * prior variance of the slip stiffness, V the present variance of LCX, and B the sd of
- * the model error.
+/* Return w = P^2/(P^2 + B^2 (P - V)), the share of a change of LCX that is a change of
+ * the slip stiffness. The rest, 1 - w, is a change of the model error. P is the prior
+ * variance of the slip stiffness, V the present variance of LCX, and B the sd of the
+ * model error.
  *   Given:     var_lcx  V [unit^2]
  *   Returned:  *var     posterior variance of the slip stiffness, P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var);
 
-/* Return the estimated logarithm of the slip stiffness. If LCX has changed by
- * more than the model error explains, its variance is increased, because the
- * tyres may have changed.
+/* Return the estimated logarithm of the slip stiffness. If LCX has changed by more than
+ * the model error explains, increase the variance of the result, because the tyres may
+ * have changed.
  *   Given:    shift  mean shift of LCX by events that are not accepted yet
  *   Updated:  var    in: variance of LCX; out: variance of the result */
 tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
 
-/* Restart the estimate of the slip stiffness at LCX after an accepted change of tyres:
- * the model error on the new road is unknown. Its variance increases by as much as the
- * change has added to the variance of LCX. If the change is a return to the road before,
- * restore the estimate of that road instead.
+/* Restart the estimate of the slip stiffness at LCX after an accepted change of tyres,
+ * because the model error on the new road is unknown. Increase the variance of the
+ * estimate by as much as the change has increased the variance of LCX. If the change is a
+ * return to the previous road, restore the estimate for that road instead.
  *   Given:  before  variance of LCX before the change [unit^2] */
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
 
 /* ---------------------------------------------------------------------------- start.c */
 
-/* Initialise state and covariance from the prior, or from a persisted state if loaded. */
+/* Initialise state and covariance from the prior, or from a learnt state if one was
+ * loaded. */
 STAGE void start_state(const tse_params *p, tse_filter *f);
 
-/* Initialise the motion from wheel speed and gyro, and the steering lags
- * from the angle. */
+/* Initialise the motion from wheel speed and gyro, and set both steering lags to the
+ * steering angle. */
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* -------------------------------------------------------------------------- predict.c */
 
-/* Compute slip^2/(slip^2 + variance of the slip) for each stiffness: with both slips for
- * the longitudinal one, with the slip angle of the axle for a cornering stiffness.
- * Partial derivatives with respect to the stiffness are multiplied by this share, so that
- * errors of the slip do not bias the stiffness (errors in variables). */
+/* Compute the share slip^2/(slip^2 + variance of the slip) for each stiffness: from the
+ * slips of both axles for the longitudinal stiffness, and from the slip angle of the axle
+ * for a cornering stiffness. Partial derivatives with respect to the stiffness are
+ * multiplied by this share, so that errors of the slip do not bias the stiffness (errors
+ * in variables). */
 void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* Set gravity along and across the road (GX, GY) to the grade and bank that the row
- * gives. If a given road begins or ends, restart the variance of gravity. Call it before
- * predict_row() or predict_slow_states(). */
+ * gives. If the log begins or ceases to give one of them, reset the variance of that
+ * gravity. Call it before predict_row() or predict_slow_states(). */
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* Predict state and covariance to the time of the row. */
+/* Predict state and covariance to the time of the row.
+ *   Returned:  angle of the front wheels during the row */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* Predict the slow states only: gravity, biases, stiffness, grip, steering. Call it in
- * place of predict_row() if the motion is unknown. */
+/* Predict the slow states only: gravity, biases, stiffness, grip, steering. If the motion
+ * is unknown, call it in place of predict_row(). */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt);
 
 /* --------------------------------------------------------------------------- events.c */
@@ -270,10 +280,10 @@ int is_tyre_change(int32_t which);
 /* Return the number of the channel that a kind of event makes faulty, or NO_FAULT. */
 int32_t event_fault(int32_t which);
 
-/* Return whether EVENT_ROAD_RETURN is possible: the tyres have changed before, and for
- * at least one axle the cornering stiffness before that change was known as well as
- * the present one, or better. This excludes a return to a patch of ice, whose
- * stiffness was hardly known. */
+/* Return whether EVENT_ROAD_RETURN is possible: the tyres have changed before, and for at
+ * least one axle the variance of the cornering stiffness before that change was at most
+ * its present variance. This excludes a return to a patch of ice, where the stiffness was
+ * hardly known. */
 int can_return(const tse_kalman *k);
 
 /* Update all events with a measurement.
@@ -296,7 +306,7 @@ STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
  *   Given:     channel  ACCEL_X ..., or NO_SENSOR_*
  *              sd       sd of the sensor
  *   Updated:   change   sum of the corrections of this row, in units of the state
- *   Returned:  S, the variance of the innovation as used
+ *   Returned:  S, the variance of the innovation with which the gain was computed
  *              *state   the part of S that is not measurement noise: h' P h, and the
  *                       part due to consider parameters */
 tse_real use_scalar(
@@ -307,7 +317,7 @@ tse_real use_scalar(
  *   Given:    difference  between the last two innovations
  *             nominal     noise variance of the setting
  *             share       gain of the running mean
- *   Updated:  noise       estimated noise variance over nominal */
+ *   Updated:  noise       ratio of the estimated noise variance to nominal */
 static inline void learn_noise(
     const tse_params *p, tse_real *noise, tse_real difference, tse_real nominal, tse_real share)
 {
@@ -318,10 +328,11 @@ static inline void learn_noise(
 
 /* ------------------------------------------------------------------------- velocity.c */
 
-/* Predict the extra states, those of a measured velocity, to the time of the row. */
+/* Predict the extra states (those of measured velocities) to the time of the row. */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* Discard heading and past motion. Call it when the motion is initialised again. */
+/* Discard the heading and the stored past motion. Call it when the motion is initialised
+ * again. */
 void velocity_lose(tse_kalman *k);
 
 /* Update the filter with the velocities of this row.
@@ -335,7 +346,7 @@ int32_t velocity_fault(const tse_kalman *k);
 /* Return the model discrepancy of the lateral speed [m/s]. */
 tse_real velocity_discrepancy(const tse_kalman *k);
 
-/* Return the variance of the lateral speed with its model discrepancy [m2/s2]. */
+/* Return the variance of the lateral speed plus its model discrepancy [m2/s2]. */
 tse_real velocity_across_var(const tse_kalman *k);
 
 /* --------------------------------------------------------------------------- update.c */
@@ -367,9 +378,10 @@ int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_re
 STAGE void check_agreement(
     const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
 
-/* Return the number of the channel that contradicts the others, as in
- * fault_channel, or 0.
- *   Returned:  *factor  by how many times it is too large; 0 if no factor explains it */
+/* Return the number of the channel that contradicts the others, as in fault_channel,
+ * or 0.
+ *   Returned:  *factor  factor by which this channel is too large; 0 if a factor does not
+ *                       explain the contradiction */
 int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor);
 
 /* --------------------------------------------------------------------------- output.c */

@@ -11,46 +11,53 @@
 #define STILL_SPEED TSE_R(0.02)         /* [m/s] max measured speed of a wheel that stands still */
 #define JUMP_RATE TSE_R(100)            /* [m/s2] max rate at which a wheel can gain speed */
 #define MAX_TURN_SLIP_ANGLE TSE_R(0.1)  /* [rad] max slip angle in a steady turn: beyond it tyres slide */
-#define TRACK_SHARE TSE_R(0.02)         /* [1] sd of the speed of the front axle over v sin^2(d), d: steering
-                                         * angle. Its two wheels steer by different angles (Ackermann) */
-#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] error of the ratio of the wheel radii up to which the
-                                         * longitudinal stiffness may be valid, or 3 prior sds if
-                                         * they are more */
+#define TRACK_SHARE TSE_R(0.02)         /* [1] sd of the front wheel speed / (v sin^2(d)), v: speed of the
+                                         * car, d: steering angle. The model has one front wheel, but the two
+                                         * front wheels of a car steer by different angles (Ackermann) */
+#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii with which
+                                         * the longitudinal stiffness may be valid. If 3 prior sds of the
+                                         * ratio are larger, they are the limit */
 #define MAX_LOG_CHANGE TSE_R(3)         /* [1] max change of the logarithm of a stiffness: a factor of 20 */
 #define SLIP_EVENT_SD TSE_R(0.1)        /* [1] sd of the slip of wheels that begin to lock or spin */
 #define STEER_FAULT_SD TSE_R(0.05)      /* [rad] sd of the offset of a faulty steering angle */
 #define STEER_ACCEPTED_SD TSE_R(0.01)   /* [rad] sd added to the steering offset when a steering
                                          * fault is accepted */
-#define STEER_HOLD_TIME TSE_R(0.095)    /* [s] mean time for which an active driver holds the steering wheel
-                                         * still. In rows of 10 ms the angle then repeats in nine of ten */
-#define MAX_ROW_TIME TSE_R(0.125)       /* [s] max row length that the substeps of TSE_SMALL resolve */
+#define STEER_HOLD_TIME TSE_R(0.095)    /* [s] mean time for which an active driver holds the steering
+                                         * wheel still. If rows are 10 ms apart, nine of ten angles then
+                                         * repeat the one before */
+#define MAX_ROW_TIME TSE_R(0.125)       /* [s] max time between rows for which the substeps of a TSE_SMALL
+                                         * build are short enough */
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip that is
                                          * computed from accel_x */
 #define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a course grows as 1/speed */
-#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of an axle in the sd of the model
-                                         * discrepancy of the lateral speed */
+#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of the rear axle in the model discrepancy
+                                         * of the lateral speed, whose sd is proportional to it */
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] speed below which a car may change into or out of reverse */
-#define REVERSE_SD TSE_R(1)             /* [m/s] test for reverse: sd of the gain of speed compared with
-                                         * integrated accel_x, and min speed in the sd of the yaw rate
-                                         * expected from the steering angle */
+#define REVERSE_SD TSE_R(1)             /* [m/s] test whether the car is in reverse: sd of the difference
+                                         * between the gain of speed and the integral of accel_x. Also
+                                         * the min speed in the sd of the yaw rate that is computed from
+                                         * the steering angle */
 #define MAX_REVERSE_SPEED TSE_R(8)      /* [m/s] max speed of a car in reverse */
 
 /* Limits that follow from a definition or from a tuned constant. */
-#define MAX_GAP_RATE TSE_R(3)           /* [1/s] max rate of gaps. With more gaps the motion is mostly the one
-                                         * initialised from the sensors, not a filtered one */
-#define STILL_TIME MODEL_TIME           /* [s] a car whose wheels are slower than STILL_SPEED for this time is
-                                         * at rest. Until then its body may still swing */
-#define OPEN_TIME MODEL_TIME            /* [s] interval at which hypotheses of a kind are opened. An event in
-                                         * between is explained by the hypothesis before it or after it */
-#define OPEN_TIME_SLIP TSE_R(0.1)       /* [s] the same interval for wheels that lock or spin: the time in
-                                         * which they begin to do so */
-#define MIN_FAULT TSE_R(1)              /* [1] min amplitude of a fault that needs a reaction: one prior sd
-                                         * of the fault */
+#define MAX_GAP_RATE TSE_R(3)           /* [1/s] max rate of gaps at which an estimate is valid. At a
+                                         * higher rate the motion is mostly initialised from the sensors
+                                         * and hardly filtered */
+#define STILL_TIME MODEL_TIME           /* [s] time for which all wheels must be slower than STILL_SPEED
+                                         * before the car counts as at rest. Its body may swing until then */
+#define OPEN_TIME MODEL_TIME            /* [s] interval at which a new hypothesis of each kind of event is
+                                         * opened (events.c). An event in between is explained by the
+                                         * hypothesis opened before it or after it */
+#define OPEN_TIME_SLIP TSE_R(0.1)       /* [s] interval at which a new hypothesis of wheels that lock or spin
+                                         * is opened: the time in which wheels begin to do so */
+#define MIN_FAULT TSE_R(1)              /* [1] min amplitude of a fault to which the filter reacts: one
+                                         * prior sd of the fault */
 #define LIKELY TSE_R(0.5)               /* [1] probability above which a hypothesis is more likely than not */
-#define MIN_REVERSE_ODDS TSE_R(4.5)     /* [1] min log odds of reverse: TAIL/2, odds of 90 to 1 */
-#define MIN_EACH_ODDS TSE_R(-2.25)      /* [1] min log odds of reverse by yaw rate alone and by gain of speed
-                                         * alone: -MIN_REVERSE_ODDS/2. A sloping road may make one contradict
-                                         * the other by that much */
+#define MIN_REVERSE_ODDS TSE_R(4.5)     /* [1] natural log odds of reverse above which the car counts as in
+                                         * reverse: TAIL/2, odds of 90 to 1 */
+#define MIN_EACH_ODDS TSE_R(-2.25)      /* [1] min log odds of reverse that the yaw rate alone and the gain
+                                         * of speed alone must give: -MIN_REVERSE_ODDS/2. A sloping road may
+                                         * make one of them wrong by that much */
 #define BRAKE_ON TSE_R(0.5)             /* [1] value of the brake switch from which the
                                          * car brakes (tables/input.toml) */
 #define HEADING_SD TSE_R(1)             /* [rad] prior sd of an unknown heading. The first
@@ -59,142 +66,164 @@
 /* Limits of numerics: min divisors, and max values that every number format can hold. */
 #define MAX_TIME TSE_R(1e6)             /* [s] max of timers and ages */
 #define MAX_AGE TSE_R(100)              /* [s] max of ages that are compared with times of some seconds */
-#define MAX_SINCE TSE_R(1000)           /* [s] max age of a measured velocity, and max time for which one is
-                                         * rejected. Also the max number of gaps */
+#define MAX_SINCE TSE_R(1000)           /* [s] max stored age of a measured velocity, and max stored
+                                         * time for which a velocity has been rejected. Also the max of
+                                         * the number of gaps */
 #define MAX_MOVED TSE_R(1000)           /* [m/s, rad/s, rad] max stored change of speed, yaw
                                          * rate and heading */
-#define MAX_USUAL TSE_R(1000)           /* [1] max of tse_kalman.usual: mean square of the slow innovation
-                                         * over its predicted variance */
+#define MAX_USUAL TSE_R(1000)           /* [1] max of tse_kalman.usual, the ratio of the mean square of the
+                                         * slow innovation to its predicted variance */
 #define MAX_FROZEN TSE_R(1000)          /* [log2] max evidence that a channel is frozen */
-#define MAX_INFO TSE_R(1e6)             /* [1] max information and score of an event; max nis */
+#define MAX_INFO TSE_R(1e6)             /* [1] max information and max score of an event. Also the max of the
+                                         * normalised innovation squared (nis) */
 #define MIN_LOG2 TSE_R(-100)            /* [log2] min logarithm of the weight of an
                                          * event before normalisation */
 #define MIN_WEIGHT TSE_R(1e-6)          /* [1] min probability with which an event contributes to a result */
 #define MIN_ALONG_VAR TSE_R(1e-6)       /* [1] min prior variance of the logarithm of the slip stiffness */
-#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of a stiffness that is recalled */
-#define MIN_FORCE TSE_R(0.2)            /* [1] min ratio of the tyre force after a change to that before.
-                                         * The ratio is computed to first order, and below this its
-                                         * logarithm has no meaning */
-#define MAX_SLOPE TSE_R(100)            /* [unit/unit] max element of a transition matrix. In one row a
-                                         * variance grows by less than 1e7, so that a variance of MAX_D
-                                         * stays in range */
+#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of a stiffness that is recalled after a
+                                         * return to the previous road */
+#define MIN_FORCE TSE_R(0.2)            /* [1] min ratio of the tyre force after a change to the tyre force
+                                         * before it. The ratio is a linear approximation, and the logarithm
+                                         * of a smaller value has no meaning */
+#define MAX_SLOPE TSE_R(100)            /* [unit/unit] max element of a transition matrix. With this limit a
+                                         * variance grows in one row by a factor of less than 1e7, so that a
+                                         * variance of MAX_D stays in range */
 #define MIN_SLIP_VAR TSE_R(1e-6)        /* [unit^2] added to the variance of the slip. Avoids 0/0 when slip
                                          * and variance are both 0 */
-#define WALK_TIME TSE_R(1)              /* [s] slow states receive process noise at least this often */
-#define WANDER_TIME TSE_R(0.2)          /* [s] gravity along and across the road receives process noise at
-                                         * least this often: ROAD_TIME/40 */
+#define WALK_TIME TSE_R(1)              /* [s] max interval at which process noise is added to a slow state */
+#define WANDER_TIME TSE_R(0.2)          /* [s] max interval at which process noise is added to gravity along
+                                         * and across the road: ROAD_TIME/40 */
 #define MAX_GAIN TSE_R(0.1)             /* [1] max gain of a running mean in one row, however long the row
                                          * is */
-#define MIN_NOISE TSE_R(0.04)           /* [1] min of the estimated noise variance over that of the setting: a
-                                         * fifth of the set sd */
-#define MIN_DT TSE_R(1e-4)              /* [s] min row length: rates divide by it */
+#define MIN_NOISE TSE_R(0.04)           /* [1] min ratio of the estimated noise variance to that of the
+                                         * setting. The sd is then a fifth of the setting */
+#define MIN_DT TSE_R(1e-4)              /* [s] min time between rows, because rates are divided by it */
 #define SAME_SPEED TSE_R(1e-5)          /* [1] max relative difference of two speeds that are equal: rounding
                                          * to six digits */
-#define MIN_SPEED_RATIO TSE_R(0.5)      /* [1] min ratio of two wheel speeds that are one signal */
-#define MAX_SPEED_RATIO TSE_R(2)        /* [1] max ratio of two wheel speeds that are one signal */
-#define SAME_RATIO TSE_R(2e-4)          /* [1] max relative change of the ratio of two columns that are one
-                                         * signal, rounded to 0.01 */
+#define MIN_SPEED_RATIO TSE_R(0.5)      /* [1] min ratio of front to rear wheel speed if both are
+                                         * copies of one signal */
+#define MAX_SPEED_RATIO TSE_R(2)        /* [1] max ratio of front to rear wheel speed if both are
+                                         * copies of one signal */
+#define SAME_RATIO TSE_R(2e-4)          /* [1] max relative change of the ratio of front to rear wheel speed
+                                         * if both are copies of one signal, rounded to 0.01 */
 #define MAX_REPEATS TSE_R(0.999)        /* [1] max probability of a repeated value. It is below 1, so that
                                          * each repeat is evidence of a frozen channel */
-#define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow innovation */
-#define NEGLIGIBLE TSE_R(0.001)         /* [1] share of the consider parameters in S up to which the gain is
-                                         * not corrected for them */
+#define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow
+                                         * (low-passed) innovation */
+#define NEGLIGIBLE TSE_R(0.001)         /* [1] max share of the innovation variance S due to
+                                         * consider parameters at which the gain is not corrected
+                                         * for these parameters */
 #define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min speed by which a lateral acceleration is divided to get
-                                         * a yaw rate */
+                                         * a yaw rate. Also the speed above which latencies are estimated */
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max of (force of a linear tyre / force of the tyre)^2. At this
                                          * ratio the whole contact patch of a brush tyre slides, and beyond it
                                          * its curve is flat */
 #define MIN_SIDESLIP_SPEED TSE_R(0.01)  /* [m/s] speed below which the sideslip angle is reported as 0 */
-#define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min divisor of the sd of the sideslip angle */
+#define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min speed by which the sd of the lateral speed is divided to
+                                         * get the sd of the sideslip angle */
 #define MIN_SPEED TSE_R(0.1)            /* [m/s] min speed in the partial derivatives of course and speed,
                                          * which divide by it */
 #define PAST_INTERVAL TSE_R(0.035)      /* [s] interval at which the past motion is stored: 8 intervals span
                                          * the max latency, 0.28 s */
 #define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation in a loaded covariance. Below 1, so that
                                          * conditional variances stay positive */
-#define MAX_D TSE_R(1e6)                /* [unit^2] max element of D of the motion: an sd of 1000 units.
-                                         * Beyond it the motion is unknown */
+#define MAX_D TSE_R(1e6)                /* [unit^2] max variance that the matrix D (covariance U D U') may
+                                         * hold for a state of the motion: an sd of 1000 units. Beyond it the
+                                         * motion is unknown */
 
 /* Limits of the test whether the channels agree (plausible.c). They need no tuning: the
  * errors that it looks for (unit, sign, axle) are far larger. */
 #define SMOOTH_TIME TSE_R(0.25)         /* [s] time constant of the low passes: they remove noise and
                                          * vibration, and keep manoeuvres */
-#define MAX_SMOOTH_DT TSE_R(0.35)       /* [s] max row length for the low passes, which restart after a
-                                         * longer one. Wheel speeds in every third row of a 10 Hz log are
-                                         * 0.3 s apart */
-#define MAX_LATERAL TSE_R(200)          /* [m/s2] max magnitude of speed times yaw rate. A yaw rate in degrees
-                                         * per second reaches it. Its square fits every number format */
+#define MAX_SMOOTH_DT TSE_R(0.35)       /* [s] max time between rows with a wheel speed. After a longer one
+                                         * the low passes restart. In a 10 Hz log with wheel speeds in every
+                                         * third row they are 0.3 s apart */
+#define MAX_LATERAL TSE_R(200)          /* [m/s2] max magnitude of speed times yaw rate. A yaw rate that is
+                                         * in degrees per second by mistake reaches it. Its square fits
+                                         * every number format */
 #define MIN_VARIANCE TSE_R(1e-7)        /* [unit^2] min variance as a divisor */
-#define MAX_VARIANCE_RATIO TSE_R(6.25)  /* [1] max ratio of the variances of two quantities that agree: 2.5^2.
-                                         * Roll, banked roads, load, compliance and slip change the ratio of
-                                         * the quantities by less than 2.5 */
+#define MAX_VARIANCE_RATIO TSE_R(6.25)  /* [1] max ratio of the variances of two quantities that agree:
+                                         * 2.5^2. Roll, banked roads, load, compliance and slip change the
+                                         * ratio of the quantities by a factor of less than 2.5 */
 #define UNRELATED TSE_R(0.1)            /* [1] squared correlation below which the quantities of a pair
-                                         * disagree. If a channel is only noisy it remains higher */
-#define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a wrong sign counts, for pairs
-                                         * whose signal is small compared with its noise */
-#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car drives. Below it the
-                                         * car may brake */
+                                         * disagree. Noise alone does not make it so small */
+#define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a covariance of the wrong
+                                         * sign is a disagreement, for pairs whose signal is small compared
+                                         * with their noise */
+#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car counts as driving. Below it
+                                         * the car may brake */
 #define SLIPPING TSE_R(0.03)            /* [1] max relative speed difference of the axles. Beyond it wheels
                                          * spin or lock, and do not measure the speed of the car */
-#define MAX_SPEED_FACTOR TSE_R(6)       /* [1] max factor by which the speed alone may be wrong: km/h for
-                                         * m/s gives 3.6. A factor of 9.8 means that both accelerometers
-                                         * are in g */
-#define MIN_SPEED_FACTOR TSE_R(0.17)    /* [1] min factor by which the speed alone may be wrong: m/s for rad/s
-                                         * gives a wheel radius. A factor of 0.1 means that accel_x and
-                                         * accel_y are ten times too large */
-#define MAX_SCALE TSE_R(1.25)           /* [1] max squared scale of the speed, 1.12^2. Scales of the cars in
-                                         * tests/cars are within 0.96 .. 1.05 */
-#define MIN_SCALE TSE_R(0.7)            /* [1] min squared scale of the speed, 0.84^2. Changing road slopes
-                                         * act on accel_x and not on the wheels, which looks like a speed that
-                                         * is too small */
-#define ROUGH_RELATED TSE_R(0.7)        /* [1] min squared correlation of a pair for the rough scale: noise
-                                         * and road slopes are then less than a third of the variance */
-#define MAX_ROUGH_SCALE TSE_R(2.25)     /* [1] max squared rough scale, 1.5^2. A wheel diameter in place of a
-                                         * radius gives 2^2 */
-#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min squared rough scale, 0.55^2. Road slopes look like a speed
-                                         * that is too small */
-#define SCALE_TIME TSE_R(300)           /* [s] memory of the scale: long enough for road slopes and cambers
-                                         * to average out */
-#define SCALE_RELATED TSE_R(0.97)       /* [1] min squared correlation of a pair that contributes to the
-                                         * scale: it limits noise and road slopes */
-#define SCALE_SHOWN_ACROSS TSE_R(20)    /* [(m/s2)^2 s] min lateral excitation for a scale: ten times the one
-                                         * for a factor of 2.5 (min_excitation) */
-#define SCALE_SHOWN_ALONG TSE_R(10)     /* [(m/s2)^2 s] min longitudinal excitation for a scale */
-#define MAX_JERK TSE_R(30)              /* [m/s3] max low-passed jerk in an emergency manoeuvre. Its square
-                                         * times SCALE_TIME fits every number format */
-#define COMPLETE_TIME TSE_R(1)          /* [s] min duration of rows that have all channels, 4 SMOOTH_TIME. The
-                                         * low passes of all channels have settled then */
-#define LATE_TIME TSE_R(15)             /* [s] min effective time (with forgetting) of both pairs for a
-                                         * latency: 28 s of driving, which have several bends */
-#define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation for a latency: two minutes on a motorway,
-                                         * five seconds on a mountain road */
-#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation for a latency of accel_y: two corners in a
-                                         * town. A single corner that is banked looks like 0.2 s */
-#define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three sd of a latency times the root of its excitation,
-                                         * measured on the cars in tests/cars */
-#define ACCEL_SD TSE_R(1.75)            /* [1] factor on LATE_SD for accel_y and yaw_rate, because the bank
-                                         * of roads changes */
-#define ACCEL_LATE TSE_R(0.01)          /* [s] max latency of accel_y behind the yaw rate, if the settings
-                                         * allow no more. On a bus each message has a delay of its own, 0
-                                         * .. 60 ms */
-#define SOFTER TSE_R(0.4)               /* [1] max relative excess of the nominal over the true rear
-                                         * stiffness in a log that is valid: nominal values of a vehicle
-                                         * class, or a wet road */
-#define LEVER TSE_R(0.7)                /* [m] max distance of the IMU behind the centre of gravity that the
-                                         * settings need not state */
-#define STEER_LATE TSE_R(0.05)          /* [s] max time by which the yaw rate may lead the steering angle. In
-                                         * real cars it follows the angle by 0 .. 130 ms */
-#define YAW_LATE TSE_R(0.11)            /* [s] max latency of the yaw rate behind accel_y, due to the bus,
-                                         * stiff tyres, and an IMU ahead of the centre of gravity */
-#define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max sum of two latencies of the yaw rate, behind accel_y and
-                                         * behind the steering angle. Cars reach 0.24 */
-#define ROAD_HALVINGS 12                /* [1] number of times the correlations of gravity are halved when a
-                                         * given road begins or ends */
-#define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L, L: wheelbase, K: understeer gradient. An
-                                         * oversteering car (K < 0) reaches it at speed */
+#define MAX_SPEED_FACTOR TSE_R(6)       /* [1] max factor that is explained by a wrong speed alone: km/h in
+                                         * place of m/s gives 3.6. A factor of 9.8 is explained by both
+                                         * accelerometers in g */
+#define MIN_SPEED_FACTOR TSE_R(0.17)    /* [1] min factor that is explained by a wrong speed alone: m/s in
+                                         * place of rad/s gives the wheel radius, 0.3. A factor of 0.1 is
+                                         * explained by accel_x and accel_y that are ten times too large */
+#define MAX_SCALE TSE_R(1.25)           /* [1] max squared scale of the speed (ratio of the speed by the
+                                         * wheels to the true one), 1.12^2. Scales of the cars in tests/cars
+                                         * are within 0.96 .. 1.05 */
+#define MIN_SCALE TSE_R(0.7)            /* [1] min squared scale of the speed, 0.84^2. Changing road
+                                         * slopes change accel_x and not the wheel speeds, as if the
+                                         * speed were too small */
+#define ROUGH_RELATED TSE_R(0.7)        /* [1] min squared correlation of a pair that is used for the rough
+                                         * scale of the speed (compute_rough_scale()): noise and road slopes
+                                         * are then less than a third of the variance */
+#define MAX_ROUGH_SCALE TSE_R(2.25)     /* [1] max squared rough scale of the speed, 1.5^2. A wheel diameter
+                                         * in place of a radius gives 2^2 */
+#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min squared rough scale of the speed, 0.55^2. Road slopes have
+                                         * the effect of a speed that is too small */
+#define SCALE_TIME TSE_R(300)           /* [s] averaging time of the scale of the speed: long enough for road
+                                         * slopes and cambers to average out */
+#define SCALE_RELATED TSE_R(0.97)       /* [1] min squared correlation of a pair that is used for the scale
+                                         * of the speed. It limits noise and road slopes */
+#define SCALE_SHOWN_ACROSS TSE_R(20)    /* [(m/s2)^2 s] min time integral of the squared v r (speed
+                                         * times yaw rate) from which the scale of the speed is
+                                         * computed: ten times min_excitation of plausible.c, which is
+                                         * enough to detect a factor of 2.5 */
+#define SCALE_SHOWN_ALONG TSE_R(10)     /* [(m/s2)^2 s] min time integral of the squared accel_x from which
+                                         * the scale of the speed is computed */
+#define MAX_JERK TSE_R(30)              /* [m/s3] max low-passed jerk in an emergency manoeuvre. Rows with
+                                         * more are not used for latencies. Its square times SCALE_TIME fits
+                                         * every number format */
+#define COMPLETE_TIME TSE_R(1)          /* [s] time for which all channels must be present before latencies
+                                         * are estimated: 4 SMOOTH_TIME, in which all low passes settle */
+#define LATE_TIME TSE_R(15)             /* [s] min averaging time (with forgetting) of the pairs ACROSS and
+                                         * TURNING_BY before a latency is reported: 28 s of driving, in which
+                                         * there are several bends */
+#define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation (time integral of the squared
+                                         * jerk) for a latency: two minutes on a motorway, five
+                                         * seconds on a mountain road */
+#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation for a latency of accel_y: two corners in
+                                         * a town. A single corner that is banked has the effect of a
+                                         * latency of 0.2 s */
+#define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three times the sd of an estimated latency,
+                                         * multiplied by the square root of its excitation. Measured on the
+                                         * cars in tests/cars */
+#define ACCEL_SD TSE_R(1.75)            /* [1] factor by which LATE_SD is larger for a latency between
+                                         * accel_y and yaw_rate, because the bank of roads changes */
+#define ACCEL_LATE TSE_R(0.01)          /* [s] max plausible latency of accel_y behind the yaw rate, unless
+                                         * the settings allow more. Messages on a vehicle bus have different
+                                         * delays of 0 .. 60 ms */
+#define SOFTER TSE_R(0.4)               /* [1] max plausible excess of the nominal over the true rear
+                                         * cornering stiffness, relative to the true one. Nominal values of a
+                                         * vehicle class and wet roads cause it */
+#define LEVER TSE_R(0.7)                /* [m] max plausible distance of the IMU behind the centre of gravity
+                                         * that is not in the settings */
+#define STEER_LATE TSE_R(0.05)          /* [s] max plausible time by which the yaw rate leads the steering
+                                         * angle. In real cars the yaw rate follows it by 0 .. 130 ms */
+#define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind accel_y, due to
+                                         * the bus, stiff tyres, and an IMU ahead of the centre of gravity */
+#define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max plausible sum of two latencies of the yaw rate: behind
+                                         * accel_y, and behind the steering angle. Cars reach 0.24 s */
+#define ROAD_HALVINGS 12                /* [1] number of times that the correlations of gravity with other
+                                         * states are halved in the first and the last row of an interval in
+                                         * which grade or bank is given */
+#define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L, L: wheelbase, K: understeer gradient, v:
+                                         * speed. An oversteering car (K < 0) reaches it at a high speed */
 
-/* [unit^2] Min element of D: rounding must not leave it at 0 (fixed point) or make it a
- * denormal number. */
+/* [unit^2] Min element of the matrix D of a covariance U D U'. Without it rounding could
+ * make an element 0 (fixed point) or a denormal number (floating point). */
 #if defined(TSE_REAL_FIXED)
 #define MIN_D ((tse_real)16)
 #else

@@ -60,10 +60,11 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion. If the motion is lost, its sds are limited to state_max. The model
- * error adds (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the
- * variance of v_y: lr r - v_y is the sideways speed of the rear axle, proportional to
- * force over stiffness, and has their relative error. A measured velocity may reduce the
+/* Report the motion. If the motion is lost, its sds are limited to state_max. Model
+ * errors add (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the
+ * variance of v_y. The sideways speed of the rear axle, lr r - v_y, is proportional to
+ * the ratio of force to stiffness, and has the relative error of this ratio. ASKEW is the
+ * sideslip angle of a car that drives straight ahead. A measured velocity may reduce the
  * resulting variance, but not increase it. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
@@ -87,9 +88,10 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Report stiffness, grip and model discrepancy. The sd of the model error is a lower
- * limit of the relative sd of a stiffness. While velocities are used the limit is larger,
- * because the covariance then shrinks faster than the model error allows. */
+/* Report stiffness, grip and model discrepancy. The relative variance of a stiffness
+ * includes that of the model error. While velocities are used the sd of the model error
+ * counts as larger, because the covariance then shrinks faster than the model error
+ * allows. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -147,9 +149,9 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the most probable fault that is not accepted yet, if a fault is
- * more likely than not. Otherwise return NO_FAULT. Each row whose regime is a fault thus
- * names its channel. */
+/* Return the channel of the most probable fault that is not accepted yet, if the
+ * probability of a fault is above LIKELY. Otherwise return NO_FAULT. Each row whose
+ * regime is a fault thus names a channel. */
 static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
@@ -197,8 +199,8 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether the slow (low-passed) innovations of a channel are larger than usual, or
- * usually larger than a model that fits would leave them. TSE_SMALL needs this test,
+/* Return whether the slow (low-passed) innovation of a channel is larger than usual, or
+ * its usual size is larger than that of a model that fits. TSE_SMALL needs this test,
  * because its events do not find faulty channels. */
 static int is_misfit(const tse_kalman *k, int channel)
 {
@@ -230,9 +232,9 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
   return parameters_dominate ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
-/* Return whether the wheel radii differ from the settings by more than their
- * prior allows. The stiffness has then absorbed an error before the filter had
- * found the radii. */
+/* Return whether the wheel radii differ from the settings by more than their prior
+ * allows. The longitudinal stiffness has then absorbed a part of this difference, until
+ * the filter had estimated the radii. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
@@ -251,8 +253,8 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   for (int a = 0; a < 3; a++)
     out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* Slip is the difference between the speeds of wheel and car. The speed of the car
-   * follows from an axle that rolls freely or, on a flat road, from accel_x. */
+  /* Slip is the relative difference between the speeds of wheel and car. The speed of the
+   * car follows from an axle that rolls freely or, on a flat road, from accel_x. */
   const int has_speed = p->car.driven != 0 || is_rolling_axle(w->rolls) || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;

@@ -1,23 +1,23 @@
-/* filter/plausible.c - test whether the channels agree. It finds wrong units,
- * signs and axles.
+/* filter/plausible.c - test whether the channels agree. It finds wrong units, signs and
+ * axles.
  *
  * Such an error is a factor between two quantities that physics makes equal. Both
  * quantities of such a pair are low-passed. Their means, variances and covariance are
  * estimated over USUAL_TIME of driving. Biases go into the means. The factor is the root
  * of the ratio of the variances, with the sign of the covariance. While a pair disagrees,
- * it is estimated over ROAD_TIME instead. Data from a road that contradicts the pair,
- * such as ice, are then soon forgotten after it.
+ * its means and variances are estimated over the shorter ROAD_TIME, so that data from a
+ * road on which the pair cannot agree, such as ice, are soon forgotten.
  *
- * A small factor of the speed alone (km/h for rad/s gives 3.6 wheel radii, 1.0 .. 1.3)
- * cannot be found from one pair, because roll and pitch have effects of the same size. It
- * is found from two pairs together: a speed that is too large increases both v r over
- * accel_y and the rate of the speed over accel_x. Roll, pitch and latency act on both
- * accelerometers alike, and cancel if the two ratios are combined. */
+ * A small factor of the speed alone cannot be found from one pair, because roll and pitch
+ * have effects of the same size. (km/h in place of rad/s gives a factor of 3.6 wheel
+ * radii: 1.0 .. 1.3.) It is found from two pairs together. If the speed v is too large,
+ * so are two ratios: v r / accel_y, r being the yaw rate, and rate of v / accel_x. Their
+ * product is the squared factor. A latency of the accelerometers cancels in it. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* The pairs of quantities. faster: front minus rear wheel speed, over the speed; d, L, K:
- * steering angle, wheelbase, understeer gradient; r: yaw rate. */
+/* The pairs of quantities. v: speed, r: yaw rate, d: steering angle, L: wheelbase, K:
+ * understeer gradient, faster: (front wheel speed - rear wheel speed)/v. */
 enum {
   ACROSS,     /* v r and accel_y [m/s2] */
   TURNING_BY, /* v d/(L + K v^2) and yaw_rate [rad/s] */
@@ -35,8 +35,8 @@ enum {
   LATE_STEER = LATE_ACCEL << 2
 };
 
-/* Indices of the low-passed values: accel_y, v r, accel_x, speed, yaw rate, and the yaw
- * rate expected from the steering angle. */
+/* Indices of the low-passed values: accel_y, v r, accel_x, speed v, yaw rate r, and the
+ * yaw rate that is expected from the steering angle. */
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
 /* Return the part of the variance of the first quantity of a pair that the second
@@ -49,12 +49,13 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Min excitation of each pair: its variance times seconds. */
+/* Min excitation of each pair, [unit^2 s]: variance of its quantities times averaging
+ * time. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether the excitation of a pair, its variance times its time, is large enough
- * for a decision. While a pair is apart, its variance counts as if it were estimated over
- * USUAL_TIME, as for the other pairs. */
+/* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
+ * large enough for a decision. While a pair disagrees, its variance counts as if it were
+ * estimated over USUAL_TIME, as for the other pairs. */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
   const int may_have_factor = which == ACROSS || which == TURNING_BY || which == ALONG;
@@ -63,7 +64,7 @@ static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 }
 
 /* Return the squared correlation of a pair.
- *   Given:  first  variance of its first quantity, from compute_explainable() */
+ *   Given:  first  variance of the first quantity, from compute_explainable() */
 static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 {
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
@@ -85,7 +86,7 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
 /* Update means, variances and covariance of a pair with the sample (x, y). A deviation
  * from the mean counts as at most 3 sd. A short burst of wrong values thus has little
  * effect, but a wrong unit soon increases the variance.
- *   Given:     memory     [s] of the estimates
+ *   Given:     memory     [s] averaging time
  *              least      min variance, for the limit of 3 sd
  *   Returned:  deviation  of x and y from their means, limited */
 static void update_pair(
@@ -105,7 +106,8 @@ static void update_pair(
   q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
-/* Return the factor between the quantities of a pair, or 0 if they do not correlate. */
+/* Return the factor from the first to the second quantity of a pair, or 0 if the two do
+ * not correlate. */
 static tse_real compute_factor(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
@@ -115,10 +117,10 @@ static tse_real compute_factor(const tse_pair *q)
 }
 
 /* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
- * driving: square of the first quantity of a pair, and its product with the second.
- * A pair that disagrees does not contribute. Effects that lead by a quarter of a
- * period cancel in the product: slip in the speed, and the rate of the lateral speed
- * in a fast sweep. */
+ * driving: the square of the first quantity of a pair, and the product of both
+ * quantities. A pair that disagrees does not contribute. Effects that lead the first
+ * quantity by a quarter of a period have a mean product of 0 with it: slip in the speed,
+ * and the rate of the lateral speed in a fast sweep. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -129,9 +131,8 @@ static void update_scale(tse_agreement *a, int which, const tse_real deviation[2
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
-/* Return the squared factor of the speed from the wheels: the ratio of rate of the
- * speed to accel_x, over the ratio of accel_y to v r. Return 0 if the excitation is
- * not large enough. */
+/* Return the squared factor by which the speed from the wheels is too large: (rate of the
+ * speed / accel_x) (v r / accel_y). Return 0 if the excitation is not large enough. */
 static tse_real compute_scale(const tse_agreement *a)
 {
   const tse_real *const across = a->moved[0], *const along = a->moved[1];
@@ -139,16 +140,16 @@ static tse_real compute_scale(const tse_agreement *a)
   return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], MIN_VARIANCE)));
 }
 
-/* Return the same factor from the variances, which noise and road slopes
- * also increase. */
+/* Return the same squared factor as compute_scale(), but from the variances, which noise
+ * and road slopes also increase. */
 static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
       r_div(along->var[1], r_max(first, MIN_VARIANCE))));
 }
 
-/* Return whether the speed is wrong by a factor that noise and road slopes cannot cause:
- * the correlation of each pair limits their part of the variance. */
+/* Return whether the speed is wrong by a factor that noise and road slopes cannot cause.
+ * The correlation of each pair limits the share of noise and slopes in the variance. */
 static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
@@ -163,12 +164,12 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update the regression for a latency with a row. If y = g x - T x', that is x with a
- * factor and a latency, the sum of (x y' - y x')/2 is T times the sum of x'^2,
+/* Update the regression for a latency with a row. If y = g x - T x', i.e. y is x with a
+ * factor g and a latency T, then the sum of (x y' - y x')/2 is T times the sum of x'^2,
  * whatever g is.
  *   Given:  x, y   values in the previous row and in this row
  *           slope  rate of x [per second]
- *           keep   share of the sums that is kept */
+ *           keep   factor by which the old sums are multiplied */
 static void update_timing(
     tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
 {
@@ -177,9 +178,9 @@ static void update_timing(
   t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MAX_INFO, MAX_INFO);
 }
 
-/* Return the max plausible excess of the nominal over the true rear stiffness,
- * relative to the true one: SOFTER and, if a road of less grip was accepted, what
- * this road adds. */
+/* Return the max plausible excess of the nominal over the true rear cornering stiffness,
+ * relative to the true one: SOFTER and, if a change to a road with less grip was
+ * accepted, the excess that this change adds. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -220,10 +221,10 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 }
 
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
- * Return 0 if none is. `late` and `behind` are latencies times the excitation that shows
- * them. The sd of a latency decreases with the root of this excitation. Soft tyres, or an
- * IMU behind the centre of gravity, also delay accel_y. In every car the yaw rate follows
- * the steering angle. */
+ * Return 0 if none is. Latencies are compared as products with their excitation
+ * (`square`, `asked`). The sd of a latency decreases with the root of the excitation.
+ * Soft tyres, or an IMU behind the centre of gravity, also delay accel_y. In every car
+ * the yaw rate follows the steering angle. */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -242,7 +243,7 @@ static int find_late_channel(const tse_params *p, const tse_agreement *a)
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }
 
-/* Update the latencies with a row, if all channels have been present for COMPLETE_TIME,
+/* If all channels have been present for COMPLETE_TIME, update the latencies with a row
  * and find the channel that is late.
  *   Given:  was  low-passed values of the previous row
  *           has  bits of the channels that are present
@@ -335,7 +336,8 @@ static void compare_pair(
 }
 
 /* Read the channels of a row.
- *   Returned:  bits of the channels that are present and in range; x, 0 for the others */
+ *   Returned:  bits of the channels that are present and in range
+ *              x  their values; 0 for the other channels */
 static uint32_t read_channels(const tse_input *u, tse_real x[TSE_CHANNELS])
 {
   uint32_t has = 0;

@@ -38,14 +38,15 @@ static void fade_state(tse_kalman *k, int i, tse_real left, tse_real sd)
 
 static const int gravity[2] = { GX, GY };
 
-/* Return the mean of gravity along (i = 0) or across (i = 1) the road: as given in the
- * row, otherwise that of the settings. */
+/* Return the mean of gravity along (i = 0) or across (i = 1) the road: from the grade or
+ * bank of the row if given, otherwise from the settings. */
 static tse_real get_road_mean(const tse_params *p, const tse_kalman *k, int i)
 {
   return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
 }
 
-/* Return the sd of gravity about its mean. On a given road it is at most road_sd. */
+/* Return the sd of gravity along (i = 0) or across (i = 1) the road about its mean. If
+ * the row gives the grade or bank, the sd is at most road_sd. */
 static tse_real get_road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];
@@ -120,8 +121,8 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, MAX_TIME) : TSE_R(0);
 }
 
-/* Propagate the state through the row. If the row gives the bank, it is the whole bank:
- * LEAN, the superelevation in curves, is then taken as 0.
+/* Propagate the state through the row. A bank that the row gives includes the
+ * superelevation of curves, so that the state LEAN (superelevation) then counts as 0.
  *   Updated:   k->x
  *   Returned:  M  as in car_move() */
 static void move_motion(
@@ -136,11 +137,11 @@ static void move_motion(
 }
 
 /* Scale the transition to units of the state. Multiply its partial derivatives with
- * respect to a stiffness by compute_signal_shares(). Set to 0 the partial derivatives
- * with respect to slip and slip stiffness if the row holds no information on these.
+ * respect to a stiffness by the share of compute_signal_shares(). Set partial derivatives
+ * with respect to slip and slip stiffness to 0 if the row holds no information on these.
  *   Given:    share  from compute_signal_shares()
- *             z      if no_slip: v_x does not depend on the slip stiffness; if no_second:
- *                    no state depends on slips and slip stiffness
+ *             z      z->no_slip: v_x does not depend on the slip stiffness.
+ *                    z->no_second: no state depends on slips or slip stiffness
  *   Updated:  M */
 static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {

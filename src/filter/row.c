@@ -2,10 +2,10 @@
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* Return the freely rolling axle according to brake switch and wheel torques. It is the
- * undriven axle, unless brake switch or torque show that this axle brakes. If both axles
- * are driven, it is an axle without torque while the other axle has torque. The brake
- * switch alone cannot show this. */
+/* Return the freely rolling axle according to brake switch and wheel torques. If one axle
+ * is driven, it is the undriven axle, unless brake switch or torque show that this axle
+ * brakes. If both axles are driven, it is an axle without torque while the other axle has
+ * torque; the brake switch alone is then not enough. */
 static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = find_undriven_axle(&p->car);
@@ -29,20 +29,20 @@ static int is_equal(tse_real front, tse_real rear)
   return r_abs(front - rear) <= r_mul(SAME_SPEED, r_abs(rear));
 }
 
-/* Return whether two wheel speeds may be copies of one signal: they are equal or, because
- * the wheel radii are rounded, in the same ratio as before. */
+/* Return whether two wheel speeds may be copies of one signal: they are equal, or their
+ * ratio is the same as before. Rounded wheel radii make this ratio differ from 1. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the columns of both axles are copies of one signal. If they are, the copy
- * that lags or repeats only takes values that the other column has or had in the previous
- * row. If the columns are two signals, both take values of their own. If one column is
+/* Find whether the wheel speeds of both axles are copies of one signal. If they are, the
+ * copy that lags or repeats only takes values that the other column has or had in the
+ * previous row. If they are two signals, each takes values of its own. If one column is
  * missing for long and no velocity is measured, there is no second speed either.
- *   Updated:  z  one_speed, no_second, equal, same, off. Of one signal, the rear axle
- *             receives the newer value and the front axle is not used */
+ *   Updated:  z  one_speed, no_second, equal, same, off. If there is one signal, the rear
+ *                axle receives the newer value and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];

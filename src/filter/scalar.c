@@ -1,10 +1,11 @@
 /* filter/scalar.c - update of the filter with one scalar measurement. The gain is that of
  * Schmidt (1966), limited for large innovations (heavy tails).
  *
- * Consider parameters are uncertain parameters that are not estimated. They count in the
- * gain. With h the partial derivatives of the measurement with respect to the state, r
- * its noise variance, A = U D U' the covariance if the parameters were known, and V the
- * sensitivities of the state to the parameters:
+ * Consider parameters are uncertain parameters that are not estimated. Their uncertainty
+ * increases S and changes the gain. h is the vector of partial derivatives of the
+ * measurement with respect to the state, r the noise variance of the measurement,
+ * A = U D U' the covariance that the state would have if the parameters were known, and V
+ * the matrix of sensitivities of the state to the parameters:
  *   y = V' h + partial derivatives with respect to the parameters, per sd
  *                                                shift of the innovation
  *   S = h' A h + y' y + r                        variance of the innovation
@@ -15,12 +16,12 @@
 #include "filter/filter.h"
 
 /* Update and return the usual ratio of the squared low-passed innovation to its predicted
- * variance: its mean over USUAL_TIME, at least 1. S is multiplied by it in event tests,
- * so that a constant model error does not look like an event.
- *   Given:    e, s      innovation and its variance
- *   Updated:  k->slow   low-passed innovation
- *             slow_var  its predicted variance
- *             usual     the ratio */
+ * variance: the mean of this ratio over USUAL_TIME, at least 1. In event tests S is
+ * multiplied by it, so that a constant model error does not look like an event.
+ *   Given:    e, s         innovation and its variance
+ *   Updated:  k->slow      low-passed innovation
+ *             k->slow_var  predicted variance of the low-passed innovation
+ *             k->usual     the ratio */
 static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME);
@@ -63,11 +64,12 @@ static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], cons
   }
 }
 
-/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and the
- * covariance with it.
- *   Given:    y, S, S0  as above, S0 = h' A h + r
- *             dgain     work space
- *   Updated:  gain      in: K0, out: K */
+/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and update the
+ * covariance accordingly.
+ *   Given:    y, S   as above
+ *             S0     h' A h + r
+ *             dgain  work space
+ *   Updated:  gain   in: K0, out: K */
 static void correct_gain(tse_kalman *k, const tse_real y[TSE_CONSIDERED], tse_real S, tse_real S0,
     tse_real gain[TSE_ALL], tse_real dgain[TSE_ALL])
 {

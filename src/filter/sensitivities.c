@@ -24,7 +24,7 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
 /* Number of sensitivities that are propagated in one loop. */
 enum { MOVED = R_TOGETHER(3) };
 
-/* Multiply MOVED sensitivities by the transition M. */
+/* Multiply MOVED sensitivity vectors v by the transition M. */
 static void move_together(tse_short *const v[MOVED], tse_short M[MOTION][PLACES])
 {
   tse_short to[MOTION * MOVED];

@@ -1,7 +1,8 @@
-/* filter/slip_stiffness.c - slip stiffness without model error. The state LCX is the
- * logarithm of the slip stiffness plus a model error along the car, which is constant
- * with sd B (pitch, rolling radii, tyre curve). along_share() separates the two by the
- * prior variance P of the slip stiffness and the present variance V of LCX. */
+/* filter/slip_stiffness.c - longitudinal (slip) stiffness without model error. The state
+ * LCX is the logarithm of the slip stiffness plus a longitudinal model error. This error
+ * is constant with sd B; pitch, rolling radii and the form of the tyre curve cause it.
+ * along_share() separates the two by the prior variance P of the slip stiffness and the
+ * present variance V of LCX. */
 #include "filter/filter.h"
 
 void along_start(tse_kalman *k, tse_real var)
@@ -10,7 +11,7 @@ void along_start(tse_kalman *k, tse_real var)
   k->along.var = var;
 }
 
-/* Return B^2, the variance of the constant model error along the car. */
+/* Return B^2, the variance of the constant longitudinal model error. */
 static tse_real compute_error_var(const tse_params *p) { return r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)); }
 
 tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var)

@@ -29,7 +29,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const int rear = z->use[WHEEL_REAR] && (find_undriven_axle(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT;
   const int has_gyro = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
-  /* speed of the car over that of a front wheel: cos(steer), to second order */
+  /* speed of the car / speed of a front wheel: cos(steer), to second order */
   const tse_real cos_d = r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
   const tse_real v = z->use[axle] ? r_mul(rear ? TSE_R(1) : cos_d, z->z[axle]) : x[VX];
   const tse_real r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);

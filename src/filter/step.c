@@ -18,9 +18,9 @@
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether all wheel speeds have increased faster than a car can accelerate,
- * as after zeros in a log or by an outlier. A fast decrease is possible, because
- * wheels may lock. */
+/* Return whether all wheel speeds have increased faster than a car can accelerate. Zeros
+ * in a log and outliers cause such a jump. A fast decrease is possible, because wheels
+ * may lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real max_rise = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -45,8 +45,8 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
 }
 
 /* Store the wheel speeds for the next row, and update the evidence whether they are
- * copies of one signal. If two columns agree, or one of them is missing, they may be
- * taken for one signal again after some time. */
+ * copies of one signal. While two columns agree, or one of them is missing, the evidence
+ * of two signals expires within USUAL_TIME. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -105,7 +105,8 @@ static row_class classify_row(const tse_params *p, tse_filter *f, const decoded 
   return w;
 }
 
-/* Return whether all real numbers of tse_agreement, those before `apart`, are finite. */
+/* Return whether all real numbers of tse_agreement are finite. They are its members
+ * before `apart`. */
 static int is_agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
@@ -203,7 +204,7 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
   k->seen = r_min(k->seen + z->dt, MAX_TIME);
 }
 
-/* Restart from the prior, or from the persisted state that was loaded. */
+/* Restart from the prior, or from the learnt state that was loaded. */
 static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -217,9 +218,9 @@ static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Restart after the steering angle has turned out to be frozen: until then
- * stiffness, steering offset and ratio have absorbed its error. Keep the evidence
- * that it is frozen. */
+/* Restart after the steering angle has turned out to be frozen. Until then stiffness,
+ * steering offset and ratio have absorbed the error of the angle. Keep the evidence that
+ * the angle is frozen. */
 static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -264,8 +265,8 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  /* a cause is faulty memory, or an overflow, possibly by loaded numbers: do
-   * not load again */
+  /* causes are faulty memory and overflow, perhaps by loaded numbers: do not use the
+   * loaded numbers again */
   if (!was_finite || !is_state_finite(&f->k)) {
     f->start.loaded = 0;
     restart_filter(p, f, &z);

@@ -10,8 +10,8 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 }
 
 /* Multiply an element of D by share^2, but leave it at least MIN_D.
- *   Returned:  factor for its column of U, so that covariances are multiplied by share:
- *              1/share, or less if the element is limited to MIN_D */
+ *   Returned:  factor by which to multiply its column of U, so that covariances are
+ *              multiplied by share: 1/share, or less if the element is limited */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
@@ -106,8 +106,8 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
-/* Add the part of c a a' that belongs to state j to D of j, and to column j of W, the
- * rows of the extra states.
+/* Add the part of c a a' that belongs to state j to element j of D, and to column j of W
+ * (rows of the extra states).
  *   Updated:   a  elements of the extra states, less this part
  *              c  factor of the remainder
  *   Returned:  1 and the factors share, pull for column j of U; 0 if a_j is 0 */
@@ -167,9 +167,9 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], MIN_D);
 }
 
-/* Rows of F U and of the extra states, before F U is made triangular again. Each
- * column is an independent error with its variance: first the errors of the motion,
- * then its process noise. */
+/* Rows of F U (F: transition matrix) and of the extra states, before F U is made
+ * triangular again. Each column is an independent error with its variance: the first
+ * MOTION columns are the errors of the motion, the others are its process noise. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];

@@ -6,11 +6,11 @@
  * (measurement) and VI.4 (time); Agee & Turner (1972), rank-one update. The columns of U
  * above its diagonal are stored one after the other.
  *
- * Extra states are those of a measured velocity. No other state depends on them. In U
- * they therefore come before the other states: each adds a row (W, p->w) above the
- * rows of the others, and leaves the elements of these unchanged. In vectors (a, h, f,
- * v, gain) extra states come after the others. While p->extras is 0, these elements
- * are not read. */
+ * Extra states are those of the measured velocities. No other state depends on them. In U
+ * they therefore come before the other states: each extra state adds a row above the rows
+ * of the other states (W, p->w), and does not change the elements of these rows. In
+ * vectors (a, h, f, v, gain), however, the extra states come after the other states.
+ * While p->extras is 0, their elements are not read. */
 #ifndef TSE_UD_H
 #define TSE_UD_H
 
@@ -63,8 +63,9 @@ void ud_fade(tse_ud *p, int i, tse_real share);
 void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
 /* Propagate the covariance to F P F' + Q.
- *   Given:   M      first MOTION rows of F, r_slope(). The others are as in the identity
- *            noise  diagonal of Q
+ *   Given:   M      first MOTION rows of F, as r_slope() numbers. The other rows of F are
+ *                   those of the identity matrix
+ *            noise  diagonal of Q for the first MOTION states
  *   O(MOTION STATES^2 / 2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
 
@@ -77,8 +78,8 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
  *   Returned:  f = U' h, v = D f, for ud_correct() */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
-/* Return the same as ud_measure(), for elements of h that are already known to be
- * nonzero.
+/* Return the same as ud_measure(). It is faster, because the nonzero elements of h have
+ * been found before.
  *   Given:     sparse  nonzero elements among the first STATES of h */
 tse_real ud_measure_sparse(
     const tse_ud *p, const tse_real *h, const r_sparse *sparse, tse_real *f, tse_real *v);
@@ -94,10 +95,10 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real h_P_h,
 /* Start to use all extra states, with these variances and no correlations. */
 void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS]);
 
-/* Add state i times share to the first extra state. */
+/* Change the covariance as if state i times share were added to the first extra state. */
 void ud_tie(tse_ud *p, int i, tse_real share);
 
-/* Multiply extra state e by share. */
+/* Change the covariance as if extra state e were multiplied by share. */
 void ud_fade_extra(tse_ud *p, int e, tse_real share);
 
 /* Set the variance of the first extra state, and remove all its correlations. */

@@ -30,8 +30,9 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
   apply_correction(p, k, change);
 }
 
-/* Compute the partial derivatives of the sensors with respect to the consider parameters
- * of the sensors, per sd: latencies (from the rates of forces and speed) and scales.
+/* Compute the partial derivatives of the sensor readings with respect to the consider
+ * parameters of the sensors (latencies and scales), per sd of the parameter. Those for
+ * latencies follow from the rates of forces and speed.
  *   Updated:   k->before */
 static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
     tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
@@ -54,7 +55,8 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
 /* Return whether the car brakes, according to the force at the estimated slip, or to
  * accel_x if accel_x contradicts that force. The estimated slip oscillates with the
  * rotation of the wheels. Without accel_x, rows would count as driving mostly in those
- * halves of a rotation in which the slip is too large, which would bias it. */
+ * halves of a rotation in which the estimated slip is too large. This would bias the
+ * slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -71,8 +73,8 @@ static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return whether the car may be driving. While it brakes, no axle rolls freely, and slip
- * follows from the integral of accel_x only. */
+/* Return whether the car may be driving, i.e. does not brake. While it brakes no axle
+ * rolls freely, and slip follows from the integral of accel_x only. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
@@ -127,11 +129,12 @@ static void predict_sensors(
 }
 
 /* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). They are
- * the excitation, with which the model discrepancy grows. Each is multiplied by (force of
- * linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation the force
- * depends on the form of the tyre curve, which is unknown. A minimum is added for wind,
- * play and uneven roads: MIN_ACTIVITY^2, plus TAIL times the noise variance of accel_y.
- * For the yaw rate it is divided by v_x^2. */
+ * the excitation, with which the model discrepancy grows. Each square is multiplied by
+ * (force of linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation
+ * the force depends on the form of the tyre curve, which is unknown. A minimum is added
+ * to each mean square for wind, play and uneven roads. For a_x and a_y it is
+ * MIN_ACTIVITY^2 plus TAIL times the noise variance of accel_y. For the yaw rate this sum
+ * is divided by v_x^2. */
 static void update_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(MIN_ACTIVITY));
@@ -158,8 +161,8 @@ static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k
       k->activity[channel]);
 }
 
-/* Return the variance of a wheel speed that is due to the error of a slip computed from
- * the force [m2/s2]. */
+/* Return the variance [m2/s2] of a predicted wheel speed that is due to the error of the
+ * slip, if the slip is computed from the force. */
 static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int channel)
 {
   const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
@@ -168,8 +171,9 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
  * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
- * (of the rear axle if the driven axle is unknown). The difference of both wheel speeds
- * contains errors of radius and slip. It is not white, and would look like a yaw rate. */
+ * (of the rear axle if the driven axle is unknown). Both wheel speeds are not used then,
+ * because their difference contains errors of radius and slip. It is not white, and would
+ * look like a yaw rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;
@@ -201,8 +205,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     const tse_real by_car = is_of_car ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
     m->consider[q] = s->consider[channel][q] + by_car;
   }
-  /* The two front wheels steer by different angles (Ackermann), the model
-   * by their mean. */
+  /* The two front wheels steer by different angles (Ackermann). The model has one front
+   * wheel, which steers by their mean. */
   const tse_real ackermann = r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d)));
   const tse_real turn = channel == WHEEL_FRONT ? ackermann : TSE_R(0);
   const int slip_by_force = (!HAS_SLIP || z->no_second) && is_wheel(channel);
@@ -212,14 +216,13 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 }
 
 /* Compute the normalised innovation squared (nis) of a channel. It is 1 on average if
- * settings and model fit. The slow part d of the innovation, from errors of state and
- * model, is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
- * process with time constant T = MODEL_TIME, and the nis is computed from the innovation
- * e less d:
+ * settings and model fit. Errors of state and model give the innovation e a slow part d,
+ * which is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
+ * process with time constant T = MODEL_TIME, and the nis is computed from e - d:
  *   d' = -d/T + noise of variance 2 V/T, V = state + model_sd^2 activity
  *   e = d + white noise
  *   Given:    state  part of the variance of the innovation that is due to the state
- *   Updated:  k->nis, k->lasting, k->lasting_var */
+ *   Updated:  k->nis, k->lasting (d), k->lasting_var (its variance) */
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
   tse_real *const d = &k->lasting[channel], *const var = &k->lasting_var[channel];

@@ -1,19 +1,21 @@
 /* filter/velocity.c - measured velocities: longitudinal and lateral speed of an INS,
  * speed and course of GNSS.
  *
- * At the position of the sensor, at a time `late` before the row, the velocity is (vx,
- * vy) = v + r x lever. The channels are:
+ * At the position of the sensor, at a time `late` before the row, the velocity is
+ * (vx, vy) = v + r x lever. The channels are:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
  *                                              heading' = gyro - bias
- * The extra states are heading, model discrepancy of the lateral speed, scale, turn,
- * late, and the longitudinal and lateral lever. No other state depends on them, so that
- * they come before the others in U D U' (ud.h). Their use starts with the first velocity.
- * Before, they cost no time and do not change a bit of the results.
+ * The extra states are: heading, model discrepancy of the lateral speed, scale error,
+ * mounting angle of the INS (turn), latency (late), and longitudinal and lateral position
+ * of the sensor (lever). No other state depends on them, so that they come before the
+ * others in U D U' (ud.h). Their use starts with the first velocity. Before, they cost no
+ * time and do not change a bit of the results.
  *
  * The motion at the time of the measurement is the present motion less its change since
- * then (`past`). The partial derivatives are h - late dh/dt, to first order. The heading
- * is a state, because differences of successive courses would have correlated noise. */
+ * then (`past`). The partial derivatives for that time are those for the present motion,
+ * less `late` times those for the rate of the motion. The heading is a state, because
+ * differences of successive courses would have correlated noise. */
 #include "filter/filter.h"
 
 #if !defined(TSE_NO_VELOCITY)
@@ -207,9 +209,9 @@ static velocity_reading predict_value(
   return m;
 }
 
-/* Predict the value of a channel at the time `late` before the row. For the longitudinal
- * speed, a wrong slip looks like a latency. Its latency is therefore not estimated: the
- * uncertainty of the latency is noise.
+/* Predict the value of a channel at the time `late` before the row. In the longitudinal
+ * speed a wrong slip looks like a latency. The latency is therefore not estimated from
+ * this speed, and its uncertainty is added to the noise.
  *   Given:     z   measured value
  *              by  partial derivatives of the rates of motion with respect to state and
  *                  consider parameters, SI
@@ -251,8 +253,8 @@ static void predict_reading(
   for (int i = 0; i < TSE_ALL; i++) m->h[i] = r_mul(h[i], state_unit[i]);
 }
 
-/* Change the heading by `by`, so that it fits the course, and set its variance to that of
- * an unknown heading. */
+/* Change the heading by `by`, so that it fits the measured course, and set its variance
+ * to that of an unknown heading. */
 static void set_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrap_angle(k->x[PSI] + by);

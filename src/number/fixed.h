@@ -23,7 +23,7 @@
 #if defined(TSE_REAL_FIXED)
 
 #define FIXED_BITS TSE_FRACTION_BITS
-#define FIXED_ROOM 4 /* number of upper bits above those of a result, for native sums */
+#define FIXED_ROOM 4 /* number of bits that a result leaves free, so that native sums do not overflow */
 #define FIXED_MOST ((int64_t)1 << (63 - FIXED_ROOM))
 #define FIXED_ONE ((int64_t)1 << FIXED_BITS)
 #define FIXED_NAN INT64_MIN /* NaN: occurs in inputs only, never as a result */
@@ -54,11 +54,11 @@ static inline int64_t fixed_saturate(int64_t x)
 #if defined(TSE_FIXED_QUARTERS)
 #define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
 #if defined(__GNUC__)
-#define FIXED_APART __attribute__((noinline, unused)) /* rare code out of line needs no registers */
+#define FIXED_APART __attribute__((noinline, unused)) /* not inlined: the common code keeps its registers */
 #endif
 
-/* Return the upper 32 bits of a b.
- *   Returned:  *middle  its lower 16 bits are bits 16 .. 31 of a b */
+/* Return the upper 32 bits of the product a b.
+ *   Returned:  *middle  its lower 16 bits are the bits 16 .. 31 of the product */
 static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
 {
   const int32_t ah = a >> 16, bh = b >> 16, al = FIXED_LOW(a), bl = FIXED_LOW(b);
@@ -67,7 +67,7 @@ static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
   return ah * bh + (across >> 16) + (*middle >> 16);
 }
 
-/* Return the exact product a b. */
+/* Return the product a b. It is exact. */
 static inline int64_t fixed_product(int32_t a, int32_t b)
 {
   int32_t middle;
@@ -91,8 +91,9 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* Return 2^31/d or at most 2 less, for d from 2^15 to 2^16. The first approximation is
- * the best line of slope -1 (error 7.2 %). Three Newton steps follow. */
+/* Return an approximation of 2^31/d, at most 2 too small, for d from 2^15 to 2^16. The
+ * first approximation is the best line of slope -1 (error 7.2 %). Three Newton steps
+ * follow. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -100,8 +101,8 @@ static inline uint32_t fixed_over(uint32_t d)
   return over - 1;
 }
 
-/* Return n/d rounded down, for n up to 2^16 d. It is estimated from the upper 16 bits of
- * n and over = fixed_over(d), and then corrected at most 6 times. */
+/* Return n/d rounded down, for n up to 2^16 d. The quotient is estimated from the upper
+ * 16 bits of n and over = fixed_over(d), and then corrected at most 6 times. */
 static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
 {
   uint32_t q = ((n >> 16) * over) >> 15, rest = n - q * d;
@@ -126,7 +127,7 @@ static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { retu
 #define FIXED_APART inline
 #endif
 
-/* x = hi 2^32 + lo. The lower half is signed, too, so that all partial
+/* Halves of a number x = hi 2^32 + lo. The lower half is signed, too, so that all partial
  * products are signed. */
 typedef struct fixed_halves {
   int32_t hi, lo;

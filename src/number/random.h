@@ -8,9 +8,9 @@
 
 #include "number/real_ops.h"
 
-/* Purpose of a random number: numbers of one step with different purposes
- * are independent. The purpose is in the bits of the counter above the 16
- * bits of the particle. */
+/* Purpose of a random number. Numbers of one step with different purposes are
+ * independent. In the counter the purpose takes the bits above the 16 bits of the
+ * particle. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,

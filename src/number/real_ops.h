@@ -96,8 +96,8 @@ static inline uint32_t r_single_bits(tse_setting x)
   return word;
 }
 
-/* The part that depends on the format: layout of the bits, square root, and the
- * polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
+/* Definitions that differ between float and double: layout of the bits, square root, and
+ * the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
 #if defined(TSE_REAL_FLOAT)
 typedef uint32_t real_bits;
 #define REAL_FRACTION 23                /* bits of a significand, without its leading 1 */
@@ -242,9 +242,10 @@ static inline tse_real r_exp2(tse_real x)
   return (REAL_ONE + r * evaluate_exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* Compute with v = 2t - 1: sin = -v (1 - v^2) P(-v^2) and cos = -(1 - 4 v^2) Q(-v^2).
- * The polynomials are in -v^2, because their coefficients are then positive: gcc 12
- * contracts mixed sums and differences in spite of -ffp-contract=off. */
+/* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 the sine is -v (1 -
+ * v^2) P(-v^2), and the cosine is -(1 - 4 v^2) Q(-v^2). The polynomials are in -v^2,
+ * because their coefficients are then positive: gcc 12 contracts mixed sums and
+ * differences in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -413,8 +414,9 @@ static inline tse_real r_exp2(tse_real x)
   return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
-/* Compute with t = quarter/4 + x/8, |x| <= 1: sin(pi/4 x) = x P(x^2) and
- * cos(pi/4 x) = 1 + x^2 Q(x^2). Of any number t, only the fraction of a turn counts. */
+/* Compute sine and cosine of 2 pi t. With t = quarter/4 + x/8, |x| <= 1, they follow from
+ * sin(pi/4 x) = x P(x^2) and cos(pi/4 x) = 1 + x^2 Q(x^2). Only the fractional part of t
+ * counts. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);

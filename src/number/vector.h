@@ -5,11 +5,12 @@
  * one. Sums are computed in the order in which they are written.
  *
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
- * factor is a mantissa of 31 bits and a shift, computed once per row (r_factor). A
- * product is then one of 32 x 32 bits, rounded once to nearest. Sums of products are
- * exact in 64 bits and rounded once. To use these bits, one of the two rows of such a sum
- * is scaled with a shift of its own (r_row, r_sparse). Quotients with the same divisor
- * share its reciprocal (r_divisor); their relative error is at most 2^-29.
+ * factor, which multiplies a whole row, is a mantissa of 31 bits and a shift, computed
+ * once per row (r_factor). A product is then one of 32 x 32 bits, rounded once to
+ * nearest. Sums of products are exact in 64 bits and rounded once. To use these bits, one
+ * of the two rows of such a sum is scaled with a shift of its own (r_row, r_sparse).
+ * Quotients with the same divisor share the reciprocal of this divisor (r_divisor); their
+ * relative error is at most 2^-29.
  *
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
@@ -27,9 +28,9 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop processes together, element by element; it divides
- * `rows`. On a core without vector instructions, elements that the rows share are then
- * loaded only once. */
+/* Number of rows that one loop processes together, element by element. It is a divisor of
+ * the number `rows`. On a core without vector instructions, an element that these rows
+ * share is then loaded only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -37,9 +38,10 @@
 #endif
 
 #define MAX_ROW 32 /* max number of elements of a row */
-#define ROW_UP 4 /* log2 of the scale of transition rows, whose numbers are small */
+#define ROW_UP 4 /* log2 of the scale of transition rows: their small numbers are stored times 2^ROW_UP */
 
-/* Nonzero elements of a row, their indices `at`, and their common shift `right`. */
+/* Nonzero elements m of a row, their indices `at` in the row, and the shift `right` of
+ * all elements. */
 typedef struct r_sparse {
   tse_short m[MAX_ROW];
   int32_t count, right;
@@ -71,7 +73,8 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
   return (void)more, r_mul(x, r_div(was, d));
 }
 
-/* Scale rows by a power of two. Only the fixed-point format does so. */
+/* Scale rows by a power of two. In double and float nothing is scaled: `up` is 0 and
+ * ignored. */
 static inline int r_scale_of(const tse_real *x, int n, int max) { return (void)x, (void)n, (void)max, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
@@ -109,9 +112,9 @@ static inline void r_slope_sums(
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Return row x in the form of the second operand of r_sum().
- *   Given:     room    memory for it
- *   Returned:  *right  its shift */
+/* Return row x in the form in which r_sum() takes its argument `row`.
+ *   Given:     room    memory for the row in this form
+ *   Returned:  *right  shift of the row in this form */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
   return (void)n, (void)room, *right = 0, x;
@@ -206,9 +209,10 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > max ? FIXED_MOST : (x < -max ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* Return x 2^-right, rounded to nearest and saturated to a number of bits; FIXED_NARROW
- * to those of a tse_short. |x| is at most 2^62. Saturation acts on the upper digits only:
- * lower digits remain. */
+/* Return x 2^-right, rounded to nearest and saturated: FIXED_NARROW_TO to the given
+ * number of bits, FIXED_NARROW to the bits of a tse_short. |x| is at most 2^62. Only the
+ * upper 32 bits of the rounded number are saturated, and its lower bits remain. The two
+ * functions are parts of the macros. */
 static inline uint64_t fixed_half_up(int64_t x, int right)
 {
   return (uint64_t)x + ((uint64_t)1 << (right - 1));
@@ -223,8 +227,9 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
       (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
-/* Return the number of leading zeros of a magnitude, 1 .. 63. `bits` is fixed_bits_of()
- * of a number, or the OR of several, for the leading zeros that all of them have. */
+/* Count the leading zeros of the magnitude of a number: fixed_zeros_of(fixed_bits_of(x))
+ * is 1 .. 63. The OR of fixed_bits_of() of several numbers gives the leading zeros that
+ * all of them have. */
 static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
@@ -299,9 +304,9 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* Compute x - x more/d, so that a decrement is rounded, and is 0 if it should be 0.
- * `more` is at most d. The quotient more/d has 32 digits, and both halves of x are
- * multiplied by it. */
+/* Compute x was/d as x - x more/d, so that the decrement is rounded, and exactly 0 if
+ * `more` is 0. `more` is at most d. The quotient more/d has 32 digits, and both halves of
+ * x are multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
@@ -312,9 +317,9 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
          x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
-/* Return the shift that scales the largest of the numbers to about an eighth of the
- * range of a row. r_scale_of_variance() does so for the square root of a variance, to a
- * tenth or more. */
+/* Return the shift by which a row is scaled. r_scale_of() scales the largest of n numbers
+ * to about an eighth of the range of a tse_short. r_scale_of_variance() scales the square
+ * root of a variance to a tenth or more. */
 static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;
@@ -433,9 +438,10 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
   return saturate_short(y + more);
 }
 
-/* Slopes are in units of 2^-SLOPE_BITS and below 16 in magnitude, so that the sum of
- * 32 products with a row is below 2^62. Units of states are 2^-8 .. 1, and a divisor
- * is at most 1. */
+/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below 16 in
+ * magnitude, so that the sum of 32 products with a row is below 2^62. The units of the
+ * states are at most 1, and those of the motion, by which r_over_unit() divides, at least
+ * 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
@@ -512,7 +518,7 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
-/* Do as r_add_both() with y[0] and then with y[1]. x is read once for both. */
+/* Do the same as r_add_both() with y[0] and then with y[1]. x is read once for both. */
 static inline void r_add_both_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
@@ -535,7 +541,7 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
   }
 }
 
-/* Do as r_add_in_turn() with y[0] and then with y[1]. */
+/* Do the same as r_add_in_turn() with y[0] and then with y[1]. */
 static inline void r_add_in_turn_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {

@@ -2,9 +2,9 @@
  * the particles. */
 #include "paper/paper.h"
 
-/* Return the sum of weight times value. It is computed in lanes, so that the order of
- * summation is the same on every machine. The sum of up to 2^16 weights, each at most 1,
- * fits every number format. */
+/* Return the sum of weight times value. It is computed as TSE_LANES partial sums, so that
+ * the order of summation is the same on every machine. The sum of up to 2^16 weights,
+ * each at most 1, fits every number format. */
 static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);

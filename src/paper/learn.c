@@ -1,6 +1,6 @@
 /* paper/learn.c - equations (25), (16), (17): draw w given the sample, update the
- * statistics, forget. Particles are processed in runs of RUN, so that their random
- * numbers stay in the cache. */
+ * statistics, forget old samples. Particles are processed in runs of RUN, so that their
+ * random numbers stay in the cache. */
 #include "paper/paper.h"
 #include "number/random.h"
 
@@ -14,12 +14,12 @@
 #define TINY ((tse_real)16) /* 16 steps of the format: the root of less has too few digits */
 #endif
 
-/* Constants of forgetting that depends on the innovations: lambda of gamma decreases
- * while low-passed innovations are larger than those of white noise. It is on while
- * `forgetting_change` is below `forgetting_mean`. */
+/* Constants of the forgetting that depends on the innovations: lambda of gamma decreases
+ * while low-passed innovations are larger than low-passed white noise. It is in use if
+ * the setting `forgetting_change` is below `forgetting_mean`. */
 #define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
-#define USUAL_RATIO TSE_R(3) /* [1] ratio of mean squares, low-passed innovations over low-passed white
-                              * noise, up to which lambda does not change */
+#define USUAL_RATIO TSE_R(3) /* [1] ratio of the mean square of the low-passed innovations to that of
+                              * low-passed white noise, up to which lambda does not change */
 #define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda per unit of the ratio above USUAL_RATIO */
 
 /* Draw Student-t variates for a run of particles. */
@@ -130,8 +130,8 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
       p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return a ratio of mean squares: low-passed innovations (SLOW_TIME, mean of the
- * channels) over low-passed white noise of variance 1. It is large while
+/* Return the ratio of the mean square of the low-passed innovations (SLOW_TIME, mean of
+ * the channels) to that of low-passed white noise of variance 1. It is large while
  * innovations are correlated. */
 static tse_real compute_persistence(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
@@ -156,11 +156,12 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget, equation (17): divide gamma by lambda, multiply nu and Lambda by it
- * (lam = Lambda/nu does not change). The lambda of a row is lambda^(dt/sample_time).
- * gamma, with which the mean is forgotten, has a lambda of its own, which decreases while
- * innovations are correlated. gamma is limited to 1 or its initial value, whichever is
- * larger, so that a mean is forgotten no further than that. */
+/* Forget old samples, equation (17): divide gamma by lambda, and multiply nu and Lambda
+ * by lambda (lam = Lambda/nu does not change). The lambda of a row is
+ * lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a lambda of
+ * its own, which decreases while innovations are correlated. gamma is limited to 1 or its
+ * initial value, whichever is larger, so that the mean is never less certain than at this
+ * gamma. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

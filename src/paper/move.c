@@ -2,8 +2,9 @@
  * one, with the w drawn at the previous row. */
 #include "paper/paper.h"
 
-/* Values of the setting `integration`: Euler as in the paper; 1: second order, inputs
- * linear between rows; 2: as 1, but the steering angle of the previous row is held. */
+/* Values of the setting `integration`. 0: Euler, as in the paper. 1: second order, with
+ * inputs that are linear between rows. 2: as 1, but with the steering angle of the
+ * previous row. */
 #define EULER 0
 #define HELD_STEER 2
 
@@ -28,7 +29,8 @@ static void move_by_euler(const tse_params *p, tse_particles *q, inputs u, tse_r
   }
 }
 
-/* Propagate all particles over h seconds by a method of second order, inputs u0 to u1. */
+/* Propagate all particles over h seconds by a method of second order (ROS2 of vehicle.h),
+ * while the inputs change linearly from u0 to u1. */
 static void move_by_ros2(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
 {
   for (int32_t i = 0; i < pad_count(p->particles); i++) {

@@ -1,18 +1,18 @@
 /* paper/paper.h - the particle filter of the paper (form 1): stages of Algorithm 1.
  * Numbers in parentheses are equations of the paper. Internal.
  *
- * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces over
- * mass, measurements over the sensors' sd. gamma, nu and the covariance P of the
- * biases follow recursions that do not contain measurements. They are therefore
- * common to all particles. */
+ * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided by
+ * the mass, measurements by the sds of the sensors. gamma, nu and the covariance P of the
+ * biases follow recursions that do not contain measurements. They are therefore common to
+ * all particles. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 
 #include "estimator/stages.h"
 #include "paper/particle.h"
 
-/* Loops over particles vectorise only if the compiler knows that constants and particles
- * do not alias. */
+/* Loops over particles vectorise only if the compiler knows that the constants and the
+ * particles do not overlap in memory. */
 #if defined(__cplusplus) || (defined(_MSC_VER) && !defined(__clang__))
 #define TSE_RESTRICT __restrict
 #else
@@ -38,10 +38,10 @@ typedef struct common {
 } common;
 
 /* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and the
- * distribution of w given y, (25). It is whitened by (P + R)^-1/2, so that each channel
- * has the same noise. Channels are processed one after the other, each with the
- * covariance of w given those before it, which is equivalent to a Cholesky factor of S.
- * The yaw rate does not depend on w. */
+ * distribution of w given y, (25). z is whitened by (P + R)^-1/2, so that each channel
+ * has the same noise. Channels are processed one after the other. Each uses the
+ * covariance of w given the channels before it, which is equivalent to a Cholesky factor
+ * of S. The yaw rate does not depend on w. */
 typedef struct innovation {
   tse_real z1, z2, z3;   /* whitened innovations; 0 if the measurement is missing */
   tse_real d1[2], d2[3]; /* whitened rows of d for accel_x, accel_y */
@@ -51,15 +51,17 @@ typedef struct innovation {
   tse_real q;            /* z' S^-1 z */
 } innovation;
 
-/* Condition the mean m and the covariance a of w on one channel, with the row d0, d1, d2
- * of d and the innovation z. */
+/* Condition the mean m and the covariance a of w on one channel.
+ *   Given:     d0, d1, d2  row of d for this channel
+ *              z, r        whitened innovation, and the scale of its noise
+ *   Returned:  *scale      scale of the whitened innovation */
 TSE_INLINE void condition_on_channel(
     innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
 {
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* after saturation the sum may be below r, and its density would dominate */
+#if defined(TSE_REAL_FIXED) /* saturated sums may be below r: the particle would wrongly dominate */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
@@ -115,8 +117,7 @@ TSE_INLINE innovation compute_innovation(
   return e;
 }
 
-/* ----------------------------------------------------- algorithm1.c:
- * start reading here */
+/* --------------------------------------------------- algorithm1.c: start reading here */
 
 /* Advance the particles from the previous row to this one: lines 17, 18 of
  * Algorithm 1. */
@@ -130,8 +131,8 @@ void paper_update(
 
 /* ---------------------------------------------------------------------------- start.c */
 
-/* Initialise all particles, from the settings or the persisted state. In Algorithm 1 it
- * is the line Initialize. */
+/* Initialise all particles from the settings or from a learnt state: the line Initialize
+ * of Algorithm 1. */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* Initialise only the motion of all particles, from wheel speeds and gyro. */
@@ -184,8 +185,9 @@ void paper_weighted_means(
  * are then equal. */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
 
-/* Choose the ancestors of n particles, in ascending order. The largest weight
- * must be 1. */
+/* Choose the ancestors of n particles, in ascending order.
+ *   Given:  scheme  setting `resampling`
+ *           weight  relative to the largest weight, which must be 1 */
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 
@@ -197,13 +199,13 @@ void paper_copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n)
 
 /* ---------------------------------------------------------------------------- learn.c */
 
-/* Draw w given the sample, (25). */
+/* Draw w, the relative stiffness deviation, of each particle given the sample, (25). */
 void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
-/* Update the statistics with w, (16). */
+/* Update the statistics gamma, nu, mu and Lambda with the drawn w, (16). */
 void paper_update_statistics(const tse_params *p, tse_filter_paper *f);
 
-/* Forget, (17). */
+/* Forget old samples in the statistics, (17). */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
 
 /* ------------------------------------------------------------------------------ row.c */

@@ -1,21 +1,22 @@
 /* paper/particle.h - the vehicle model of vehicle.h as the particle filter uses it,
  * equations (6), (7), (9) of the paper, for one particle.
  *
- * Inline and branch-free, so that loops over particles vectorise. */
+ * All functions are inline and without branches, so that loops over particles
+ * vectorise. */
 #ifndef TSE_PARTICLE_H
 #define TSE_PARTICLE_H
 
 #include "model/vehicle.h"
 
-/* Rows of d and h of (9), over the sensors' sd. The third row of d (yaw rate) and element
- * (1, 3) are 0. */
+/* Rows of d and h of (9), divided by the sds of the sensors. The third row of d (yaw
+ * rate) and element (1, 3) are 0. */
 typedef struct observation {
   tse_real d11, d12, d21, d22, d23; /* partial derivatives of accel_x, accel_y with respect to w */
   tse_real h1, h2;                  /* accel_x, accel_y at w = 0 */
 } observation;
 
-/* Nominal stiffness over mass and sd of the sensor. It is constant in a
- * loop over particles. */
+/* Nominal stiffness, divided by the mass and by the sd of the sensor. The members are
+ * constant in a loop over particles. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;
 } observation_gains;

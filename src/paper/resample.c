@@ -1,15 +1,15 @@
-/* paper/resample.c - four schemes of resampling, with the same signature. Each chooses n
- * ancestors in proportion to their weights.
+/* paper/resample.c - four schemes of resampling. Each chooses n ancestors in proportion
+ * to their weights.
  *
  * Each scheme places n positions on the cumulative weights, scaled to 0 .. 1, and takes
  * the particles at these positions. The schemes differ in the positions (U: a uniform
- * random number; k = 0 .. n - 1; q: weight over the sum of weights):
+ * random number; k = 0 .. n - 1; q: ratio of a weight to the sum of weights):
  *   systematic   (k + U)/n, one U for all
  *   stratified   (k + U_k)/n, one U each
  *   multinomial  n sorted uniform numbers
  *   residual     floor(n q) copies, then stratified over the remainders of n q
- * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle
- * filtering", ISPA 2005. */
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
+ * ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 

@@ -1,18 +1,18 @@
-/* paper/row.c - process a row of tse_step() with the particle filter: everything
- * around Algorithm 1. The paper assumes a row every Ts, a moving car and all channels.
- * In other rows the motion is predicted with the mean stiffness, and the statistics
- * are not updated. */
+/* paper/row.c - process a row of tse_step() with the particle filter: everything around
+ * Algorithm 1. The paper assumes a row every Ts, a moving car and all channels. In rows
+ * that do not fit these assumptions the motion is predicted with the mean stiffness, and
+ * the statistics are not updated. */
 #include "paper/paper.h"
 
 #define REVERSE_SPEED TSE_R(-0.1) /* [m/s] wheel speed below which the car is in reverse */
 #define EXCITATION_TIME TSE_R(0.1) /* [s] time constant of the low pass of the regressors */
-#define MAX_REGRESSOR TSE_R(1e6) /* [1] max regressor over its sensor's sd, for numerics: its square
+#define MAX_REGRESSOR TSE_R(1e6) /* [1] max of a regressor divided by the sd of its sensor: its square
                                   * fits a float */
 
 /* Classification of a row. */
 typedef struct row_kind {
   int gap;            /* 1: too long after the previous row; the motion is initialised again */
-  int held;           /* 1: too slow, in reverse or at a large angle: (4) is not valid */
+  int held;           /* 1: too slow, in reverse or at a large steering angle: (4) is not valid */
   int predicted;      /* 1: an input or all measurements are missing */
   int32_t excited[3]; /* 1: the stiffness is excited */
 } row_kind;
@@ -24,9 +24,10 @@ static tse_real find_max_wheel_speed(const sample *y)
 
 /* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
  * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness explains the data equally well. The criterion is the variance
- * over the recent past of its regressor phi (a column of d, in sigma per unit of w). A
- * mean over `memory` samples, each with noise 1 + phi^2 spread^2, has the variance
+ * a different stiffness explains the data equally well. The criterion is the variance,
+ * over the recent past, of the regressor phi of the stiffness (a column of d, in sigma
+ * per unit of w). A mean over `memory` samples, each with noise 1 + phi^2 spread^2, has
+ * the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)),
  * which must be below valid_sd^2. The result is used for validity only. The recent past
  * is two memories, because after a change the estimate of the velocity has a longer

@@ -3,9 +3,9 @@
 
 #define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight relative to the largest: less is negligible */
 
-/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: by the asymptotic series at x + 4, and back by
- * the recursion g(x) = g(x + 1) x/(x + 1/2). The relative error is below 2e-7 (6/x)^5:
- * the first neglected term is 399/(262144 x^5) at x >= 6. */
+/* Return Gamma(x + 1/2)/Gamma(x), x >= 2. It is computed by the asymptotic series at
+ * x + 4, and from there by the recursion g(x) = g(x + 1) x/(x + 1/2). The relative error
+ * is below 2e-7 (6/x)^5: the first neglected term is 399/(262144 x^5) at x >= 6. */
 static tse_real compute_gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
@@ -25,7 +25,8 @@ static tse_real compute_gamma_ratio(tse_real x)
 /* Return log2 of the factor of the Student-t density that is common to all particles. d
  * is the number of channels used:
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |common scales|^(-1/2),
- * over the product of the sensors' sds, for SI units. */
+ * divided by the product of the sds of the sensors, so that the density is that in SI
+ * units. */
 static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
