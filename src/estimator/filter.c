@@ -53,8 +53,8 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   now->status = (int32_t)TSE_W_WAITING;
 }
 
-/* Store the row. If the newest time at which all channels are known has advanced, step
- * to that time. */
+/* Store the row. If the newest time at which all channels are known has
+ * advanced, step to that time. */
 static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   tse_input row;

@@ -8,8 +8,8 @@
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets none */
 #define MIN_WHEEL_SD TSE_S(0.012) /* [m/s] min sd of the noise of a wheel speed */
-/* [m] Min relaxation length. With a shorter one the slip angle settles within one substep
- * at 10 m/s. */
+/* [m] Min relaxation length. With a shorter one the slip angle settles within
+ * one substep at 10 m/s. */
 #define MIN_RELAXATION TSE_S(0.05)
 #define MIN_RADIUS_SD TSE_R(0.002) /* [1] min prior sd of the relative front wheel radius, which
                                     * changes with pressure and temperature. Even a quarter of
@@ -45,11 +45,11 @@ static uint32_t compute_fingerprint(const tse_config *c)
   return mix_word(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting of an effect that defines relative stiffness into the fingerprint, if the
- * effect is active. An inactive effect does not change the fingerprint, so that learnt
- * states saved before the effect existed stay valid. The value is mixed in single
- * precision, because builds of different number formats round decimal numbers
- * differently. */
+/* Mix a setting of an effect that defines relative stiffness into the fingerprint,
+ * if the effect is active. An inactive effect does not change the fingerprint, so
+ * that learnt states saved before the effect existed stay valid. The value is
+ * mixed in single precision, because builds of different number formats round
+ * decimal numbers differently. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -67,8 +67,8 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* this setting counts only if it is not 0: states saved before it existed then stay
-     * valid */
+    /* this setting counts only if it is not 0: states saved before it
+     * existed then stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
     h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
@@ -180,8 +180,8 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
   const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span),
                     load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
-  /* friction is at most 50, the max of `grip`: with more the tyres are as
-   * good as linear */
+  /* friction is at most 50, the max of `grip`: with more the
+   * tyres are as good as linear */
   const tse_setting friction = c->grip > 0
       ? c->grip
       : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction)
@@ -249,8 +249,8 @@ static void prepare_readings(const tse_config *c, tse_params *p)
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Compute the means and sds of the initial state that are not plain copies
- * of a setting. */
+/* Compute the means and sds of the initial state that are not
+ * plain copies of a setting. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
@@ -283,8 +283,8 @@ static void prepare_car(const tse_config *c, tse_params *p)
   prepare_prior(c, p);
 }
 
-/* Compute the ratios of stiffness to mass, and those of axle distance times mass to yaw
- * inertia. */
+/* Compute the ratios of stiffness to mass, and those of axle distance
+ * times mass to yaw inertia. */
 static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -357,8 +357,8 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->steady_walk = real_of(compute_square(c->steady_walk));
 }
 
-/* Compute all constants of a filter. A function that uses results of another one is
- * called after it.
+/* Compute all constants of a filter. A function that uses results of another
+ * one is called after it.
  *   Given:  settings  checked by tse_config_check() */
 static void make_params(const tse_config *settings, tse_params *p)
 {

@@ -72,7 +72,7 @@ void tse_config_paper(tse_config *c)
   c->initial_spread = TSE_S(0.3);       /* the paper's "30 %", as sd of the mean and as spread */
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* the max of the setting leaves w without a limit in effect */
+  c->stiffness_max = TSE_S(20); /* max of the setting: in effect no limit on w */
 }
 
 void tse_config_robust(tse_config *c)
@@ -105,8 +105,8 @@ void tse_stiffness_si(
   }
 }
 
-/* Return whether the user's formula is active: it has a program, and its gain
- * is not 0. */
+/* Return whether the user's formula is active: it has a program,
+ * and its gain is not 0. */
 static int has_formula(const tse_config *c)
 {
 #if defined(TSE_FORMULA)

@@ -1,5 +1,5 @@
-/* estimator/stages.h - stages that both filters share: checked row, alignment, start,
- * report. Internal. */
+/* estimator/stages.h - stages that both filters share: checked row, alignment,
+ * start, report. Internal. */
 #ifndef TSE_STAGES_H
 #define TSE_STAGES_H
 
@@ -36,8 +36,8 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
 /* start.c: set the initial estimate of the particle filter from the settings. */
 void start_of_settings(const tse_params *p, tse_start *s);
 
-/* start.c: report the estimates of the particle filter before its first row. now must be
- * filled with 0. */
+/* start.c: report the estimates of the particle filter before its first row. now
+ * must be filled with 0. */
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
 /* paper/row.c: step of the particle filter. f is part of a tse_filter_paper. */

@@ -15,8 +15,8 @@ static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the yaw rate and the steering angle, which may have
- * an offset.
+/* Update the log odds of reverse from the yaw rate and the steering angle,
+ * which may have an offset.
  *   Given:  turn  [rad/s] measured yaw rate, less the gyro bias */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {

@@ -23,8 +23,8 @@ typedef struct opens {
   int8_t state, by;
 } opens;
 
-/* Indices of the sds by which events shift states, and a function that returns the sd of
- * an element, SI. */
+/* Indices of the sds by which events shift states, and a function that returns
+ * the sd of an element, SI. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real get_sd(const opens *o)
 {
@@ -150,8 +150,8 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
   return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
-/* Return whether a slot holds an event. It may also be free or hold a second
- * amplitude. */
+/* Return whether a slot holds an event. It may also be free or
+ * hold a second amplitude. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
 /* Compute information and score of slot n. If the event has a second amplitude, integrate
@@ -202,8 +202,8 @@ static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, 
 /* Number of events that are processed in one loop. */
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
-/* Compute by how much each of these events shifts an innovation (y), and update their
- * sensitivities to v - K y.
+/* Compute for each event in a the shift y of the innovation, and update its
+ * sensitivity v to v - K y.
  *   Updated:  y  in: shift by the offset of a faulty sensor; out: shift in total */
 static void correct_together(
     tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
@@ -299,8 +299,8 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* compare the mean square of the amplitude: its posterior or, without
-   * samples, its prior */
+  /* the posterior mean square of the amplitude is compared with the min; without samples
+   * it is that of the prior */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
@@ -403,7 +403,7 @@ int can_return(const tse_kalman *k)
  * for ROAD_TIME while it is more likely than no event.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event at which a new one is opened
- *   Returned:  -1 if none is to be opened now */
+ *   Returned:  the slot; -1 if no event is to be opened now */
 static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
 {
@@ -444,8 +444,8 @@ static void move_state(
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-/* Add var v v' to the covariance, v being the product of slopes and rescale, element by
- * element.
+/* Add var v v' to the covariance, v being the product of slopes and
+ * rescale, element by element.
  *   Given:  slopes   in the units of `by` of move_state()
  *           rescale  from move_state() */
 static void add_rank_one(
@@ -466,7 +466,7 @@ static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = get_kind(which);
-  const int axle = which == EVENT_REAR; /* axle whose stiffness gives the step */
+  const int axle = which == EVENT_REAR; /* 0, 1: the step is that of the front, rear stiffness */
   const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
                                                : TSE_R(0);
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
@@ -479,7 +479,7 @@ static void widen_states(
 
 /* Return the weight with which a discarded event is merged. For a lateral event it is the
  * square of its probability, because events of small probability are mostly model errors.
- * If that is below MIN_WEIGHT, it is 0. It is also 0 for longitudinal events, because
+ * A square below MIN_WEIGHT counts as 0. For longitudinal events the weight is 0, because
  * slip is estimated from each row. */
 static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
@@ -510,10 +510,10 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it into the state with this weight. For a change of tyres LCX
- * is not shifted: the mean of the slip stiffness changes only with accepted changes of
- * tyres. The variance that LCX gains is also added to the slip stiffness without model
- * error (tse_along). */
+/* Discard event n and merge it into the state with this weight. For a change of tyres
+ * LCX is not shifted: the mean of the slip stiffness changes only with accepted changes
+ * of tyres. The variance that LCX gains is also added to the slip stiffness without
+ * model error (tse_along). */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -637,8 +637,8 @@ static void accept_event(const tse_params *p, tse_kalman *k, int n)
 }
 
 /* Return the slot of the most probable event of a group that needs a reaction, or -1. A
- * change of an axle is not accepted before SETTLE_TIME: the tyres of one axle change
- * slowly, and on a new road the front axle changes first. */
+ * change of an axle is not accepted before its hypothesis has been open for SETTLE_TIME:
+ * the tyres of one axle change slowly, and on a new road the front axle changes first. */
 static int find_most_probable(const tse_kalman *k, int group)
 {
   int best = -1;
@@ -654,7 +654,8 @@ static int find_most_probable(const tse_kalman *k, int group)
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  /* a faulty steering angle stays in use: its offset is estimated again in this time */
+  /* a faulty steering angle stays in use: its offset is estimated until
+   * the fault is withdrawn */
   if (k->fault == FAULT_STEER) k->agrees_for += dt;
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
   tse_real ratio[TSE_EVENTS];

@@ -27,7 +27,7 @@ enum { ROLLS_UNKNOWN, ROLLS_NONE, ROLLS_FRONT, ROLLS_REAR };
  * YAW_RATE, WHEEL_FRONT, WHEEL_REAR. */
 typedef struct decoded {
   tse_real dt;              /* [s] time since the previous row */
-  tse_real steer;           /* [rad] logged steering angle, or the last one */
+  tse_real steer;           /* [rad] logged steering angle; the last logged one if it is missing */
   tse_real z[TSE_SENSORS];  /* measurements, SI; wheel speeds times wheel radius [m/s]; 0 if not used */
   tse_real axle[2];         /* [m/s] front and rear wheel speed as logged, times wheel radius */
   int32_t use[TSE_SENSORS]; /* 1: the measurement is used */
@@ -35,7 +35,7 @@ typedef struct decoded {
   int32_t used;             /* number of IMU channels used */
   int32_t equal;            /* 1: both wheel speeds are equal */
   int32_t same;             /* 1: both wheel speeds are equal, or have the same ratio as before */
-  int32_t off[2];           /* 1: the wheel speed of this axle is new, and the other axle never had it */
+  int32_t off[2];           /* 1: the wheel speed of this axle is new, and no copy of the other axle's */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
   int32_t no_second;        /* 1: only one speed is measured. Slip is computed from the force */
   tse_real optional[TSE_OPTIONALS]; /* optional channels; 0 if not given */
@@ -60,8 +60,8 @@ enum {
   EVENT_KINDS = HAS_SLIP ? EVENT_SENSOR + TSE_SENSORS : EVENT_ROAD_RETURN
 };
 
-/* Number of the channel at fault, as in tse_output.fault_channel: 1 + TSE_CHANNEL_*, and
- * from FAULT_VELOCITY on the measured velocities. */
+/* Number of the channel at fault, as in tse_output.fault_channel: 1 + TSE_CHANNEL_* for a
+ * channel of the log, FAULT_VELOCITY or more for a measured velocity. */
 enum { NO_FAULT, FAULT_STEER = 1 + TSE_CHANNEL_steer_angle, FAULT_VELOCITY = 1 + TSE_CHANNELS };
 
 /* Index of the steering angle in arrays of TSE_SENSORS + 1 elements, such as
@@ -76,7 +76,7 @@ enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 /* A scalar measurement with its prediction. */
 typedef struct scalar {
   int32_t along;                     /* 1: the car drives: longitudinal channels may reveal tyre changes */
-  tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, in state_unit */
+  tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */
   tse_real r;                        /* variance of noise and model discrepancy together */
@@ -194,31 +194,31 @@ void sensitivities_clear(tse_kalman *k, int count);
 /* Multiply all sensitivities of state i by `left`. */
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 
-/* Return the variance of state i [unit^2], including the part due to consider
- * parameters. */
+/* Return the variance of state i [unit^2], including the part due
+ * to consider parameters. */
 tse_real compute_total_variance(const tse_kalman *k, int i);
 
 /* ------------------------------------------------------------------- slip_stiffness.c */
 
-/* The state LCX is the logarithm of the longitudinal (slip) stiffness plus a longitudinal
- * model error. These functions estimate the slip stiffness without this error
- * (tse_along). */
+/* The state LCX is the logarithm of the longitudinal (slip) stiffness plus a
+ * longitudinal model error. These functions estimate the slip stiffness without
+ * this error (tse_along). */
 
-/* Start the estimate of the slip stiffness at the present value of LCX, with the prior
- * variance `var`. */
+/* Start the estimate of the slip stiffness at the present value of LCX, with
+ * the prior variance `var`. */
 STAGE void along_start(tse_kalman *k, tse_real var);
 
-/* Return w = P^2/(P^2 + B^2 (P - V)), the share of a change of LCX that is a change of
- * the slip stiffness. The rest, 1 - w, is a change of the model error. P is the prior
- * variance of the slip stiffness, V the present variance of LCX, and B the sd of the
- * model error.
+/* Return w = P^2/(P^2 + B^2 (P - V)), the share of a change of LCX that is a
+ * change of the slip stiffness. The rest, 1 - w, is a change of the model error. P
+ * is the prior variance of the slip stiffness, V the present variance of LCX, and
+ * B the sd of the model error.
  *   Given:     var_lcx  V [unit^2]
  *   Returned:  *var     posterior variance of the slip stiffness, P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var);
 
-/* Return the estimated logarithm of the slip stiffness. If LCX has changed by more than
- * the model error explains, increase the variance of the result, because the tyres may
- * have changed.
+/* Return the estimated logarithm of the slip stiffness. If LCX has changed by more
+ * than the model error explains, increase the variance of the result, because the
+ * tyres may have changed.
  *   Given:    shift  mean shift of LCX by events that are not accepted yet
  *   Updated:  var    in: variance of LCX; out: variance of the result */
 tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
@@ -232,21 +232,21 @@ void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real b
 
 /* ---------------------------------------------------------------------------- start.c */
 
-/* Initialise state and covariance from the prior, or from a learnt state if one was
- * loaded. */
+/* Initialise state and covariance from the prior, or from a learnt
+ * state if one was loaded. */
 STAGE void start_state(const tse_params *p, tse_filter *f);
 
-/* Initialise the motion from wheel speed and gyro, and set both steering lags to the
- * steering angle. */
+/* Initialise the motion from wheel speed and gyro, and set both steering lags
+ * to the steering angle. */
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* -------------------------------------------------------------------------- predict.c */
 
 /* Compute the share slip^2/(slip^2 + variance of the slip) for each stiffness: from the
- * slips of both axles for the longitudinal stiffness, and from the slip angle of the axle
- * for a cornering stiffness. Partial derivatives with respect to the stiffness are
- * multiplied by this share, so that errors of the slip do not bias the stiffness (errors
- * in variables). */
+ * slips of both axles for the longitudinal stiffness, and from the slip angle of the
+ * axle for a cornering stiffness. Partial derivatives with respect to the stiffness are
+ * multiplied by this share, so that errors of the slip do not bias the stiffness
+ * (errors in variables). */
 void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* Set gravity along and across the road (GX, GY) to the grade and bank that the row
@@ -273,17 +273,17 @@ int event_is_small(const tse_kalman *k, int n);
 /* Return the regime TSE_REGIME_* that starts with a kind of event. */
 int32_t event_regime(int32_t which);
 
-/* Return whether a kind of event changes the tyre forces: of all tyres, or
- * of one axle. */
+/* Return whether a kind of event changes the tyre forces: of all
+ * tyres, or of one axle. */
 int is_tyre_change(int32_t which);
 
 /* Return the number of the channel that a kind of event makes faulty, or NO_FAULT. */
 int32_t event_fault(int32_t which);
 
-/* Return whether EVENT_ROAD_RETURN is possible: the tyres have changed before, and for at
- * least one axle the variance of the cornering stiffness before that change was at most
- * its present variance. This excludes a return to a patch of ice, where the stiffness was
- * hardly known. */
+/* Return whether EVENT_ROAD_RETURN is possible: the tyres have changed before, and for
+ * at least one axle the variance of the cornering stiffness before that change was at
+ * most its present variance. This excludes a return to a patch of ice, where the
+ * stiffness was hardly known. */
 int can_return(const tse_kalman *k);
 
 /* Update all events with a measurement.
@@ -331,8 +331,8 @@ static inline void learn_noise(
 /* Predict the extra states (those of measured velocities) to the time of the row. */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* Discard the heading and the stored past motion. Call it when the motion is initialised
- * again. */
+/* Discard the heading and the stored past motion. Call it when the
+ * motion is initialised again. */
 void velocity_lose(tse_kalman *k);
 
 /* Update the filter with the velocities of this row.
@@ -369,8 +369,8 @@ int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_re
 
 /* ------------------------------------------------------------------------ plausible.c */
 
-/* Update, with a row, the test whether the channels agree. It finds wrong units,
- * signs and axles.
+/* Process a row for the test whether the channels agree. The test finds wrong
+ * units, signs and axles.
  *   Given:     no_second  1: only one wheel speed is measured, so that the speeds of the
  *                         axles are not compared
  *   Updated:   k->agreement
@@ -378,8 +378,8 @@ int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_re
 STAGE void check_agreement(
     const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
 
-/* Return the number of the channel that contradicts the others, as in fault_channel,
- * or 0.
+/* Return the number of the channel that contradicts the others, as
+ * in fault_channel, or 0.
  *   Returned:  *factor  factor by which this channel is too large; 0 if a factor does not
  *                       explain the contradiction */
 int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor);

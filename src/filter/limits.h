@@ -1,6 +1,6 @@
-/* filter/limits.h - limits of the default filter that follow from physics, from
- * definitions or from the number formats. Tuned constants are in tables/constants.toml.
- * Internal. */
+/* filter/limits.h - limits of the default filter that follow from
+ * physics, from definitions or from the number formats. Tuned constants
+ * are in tables/constants.toml. Internal. */
 #ifndef FILTER_LIMITS_H
 #define FILTER_LIMITS_H
 
@@ -116,8 +116,8 @@
 #define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min speed by which a lateral acceleration is divided to get
                                          * a yaw rate. Also the speed above which latencies are estimated */
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max of (force of a linear tyre / force of the tyre)^2. At this
-                                         * ratio the whole contact patch of a brush tyre slides, and beyond it
-                                         * its curve is flat */
+                                         * ratio the whole contact patch of a brush tyre slides, and beyond
+                                         * it the force is constant */
 #define MIN_SIDESLIP_SPEED TSE_R(0.01)  /* [m/s] speed below which the sideslip angle is reported as 0 */
 #define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min speed by which the sd of the lateral speed is divided to
                                          * get the sd of the sideslip angle */
@@ -160,7 +160,7 @@
 #define MIN_SPEED_FACTOR TSE_R(0.17)    /* [1] min factor that is explained by a wrong speed alone: m/s in
                                          * place of rad/s gives the wheel radius, 0.3. A factor of 0.1 is
                                          * explained by accel_x and accel_y that are ten times too large */
-#define MAX_SCALE TSE_R(1.25)           /* [1] max squared scale of the speed (ratio of the speed by the
+#define MAX_SCALE TSE_R(1.25)           /* [1] max squared scale of the speed (ratio of the speed from the
                                          * wheels to the true one), 1.12^2. Scales of the cars in tests/cars
                                          * are within 0.96 .. 1.05 */
 #define MIN_SCALE TSE_R(0.7)            /* [1] min squared scale of the speed, 0.84^2. Changing road
@@ -186,8 +186,9 @@
 #define MAX_JERK TSE_R(30)              /* [m/s3] max low-passed jerk in an emergency manoeuvre. Rows with
                                          * more are not used for latencies. Its square times SCALE_TIME fits
                                          * every number format */
-#define COMPLETE_TIME TSE_R(1)          /* [s] time for which all channels must be present before latencies
-                                         * are estimated: 4 SMOOTH_TIME, in which all low passes settle */
+#define COMPLETE_TIME TSE_R(1)          /* [s] time for which accel_y, yaw rate and steering angle must be
+                                         * present before latencies are estimated: 4 SMOOTH_TIME, in which
+                                         * their low passes settle */
 #define LATE_TIME TSE_R(15)             /* [s] min averaging time (with forgetting) of the pairs ACROSS and
                                          * TURNING_BY before a latency is reported: 28 s of driving, in which
                                          * there are several bends */

@@ -21,8 +21,8 @@ static void collect_possible(const tse_kalman *k, possible *e)
   }
 }
 
-/* Return the variance of state i, SI. It includes the consider parameters, and the shifts
- * by events that may have happened.
+/* Return the variance of state i, SI. It includes the variance due to consider parameters
+ * and due to events that may have happened.
  *   Returned:  *shift  mean shift by these events */
 static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
@@ -46,8 +46,8 @@ static tse_real compute_variance(
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the posterior probability that no event of relevant size has happened
- * in either group. */
+/* Return the posterior probability that no event of relevant size has
+ * happened in either group. */
 static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the present regime, without the events that are not accepted yet. */
@@ -62,10 +62,10 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
 
 /* Report the motion. If the motion is lost, its sds are limited to state_max. Model
  * errors add (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the
- * variance of v_y. The sideways speed of the rear axle, lr r - v_y, is proportional to
- * the ratio of force to stiffness, and has the relative error of this ratio. ASKEW is the
- * sideslip angle of a car that drives straight ahead. A measured velocity may reduce the
- * resulting variance, but not increase it. */
+ * variance of v_y (r: yaw rate). The sideways speed of the rear axle, lr r - v_y, is
+ * proportional to the ratio of force to stiffness, and has the relative error of this
+ * ratio. ASKEW is the sideslip angle of a car that drives straight ahead. A measured
+ * velocity may reduce the resulting variance, but not increase it. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -88,10 +88,10 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Report stiffness, grip and model discrepancy. The relative variance of a stiffness
- * includes that of the model error. While velocities are used the sd of the model error
- * counts as larger, because the covariance then shrinks faster than the model error
- * allows. */
+/* Report stiffness, grip and model discrepancy. The relative variance of a
+ * stiffness includes that of the model error. While velocities are used the sd of
+ * the model error counts as larger, because the covariance then shrinks faster than
+ * the model error allows. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -232,9 +232,9 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
   return parameters_dominate ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
-/* Return whether the wheel radii differ from the settings by more than their prior
- * allows. The longitudinal stiffness has then absorbed a part of this difference, until
- * the filter had estimated the radii. */
+/* Return whether the estimated wheel radii differ from the settings by more than their
+ * prior allows. Before the filter had found these radii, the longitudinal stiffness has
+ * absorbed a part of the difference. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
@@ -296,7 +296,7 @@ static tse_real compute_part(const tse_params *p, const tse_kalman *k, origin o,
 
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
-  /* in the order of TSE_CONSIDER_ */
+  /* in the order of TSE_CONSIDER_... (tse/config.h) */
   static const origin origins[TSE_UNCERTAINTIES] = {
     { OF_MASS, 0 },
     { OF_CONSIDER, CONSIDER_INERTIA },

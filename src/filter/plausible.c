@@ -1,5 +1,5 @@
-/* filter/plausible.c - test whether the channels agree. It finds wrong units, signs and
- * axles.
+/* filter/plausible.c - test whether the channels agree. It finds wrong
+ * units, signs and axles.
  *
  * Such an error is a factor between two quantities that physics makes equal. Both
  * quantities of such a pair are low-passed. Their means, variances and covariance are
@@ -26,8 +26,8 @@ enum {
   BY_DRIVE    /* accel_x [m/s2] and faster [1] */
 };
 
-/* Bits of tse_agreement.apart: first the pairs that disagree, then the channel
- * that is late. */
+/* Bits of tse_agreement.apart: first the pairs that disagree, then
+ * the channel that is late. */
 enum {
   PAIRS_APART = (1 << TSE_PAIRS) - 1,
   LATE_ACCEL = 1 << TSE_PAIRS,
@@ -49,8 +49,8 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Min excitation of each pair, [unit^2 s]: variance of its quantities times averaging
- * time. */
+/* Min excitation of each pair, [unit^2 s]: variance of its
+ * quantities times averaging time. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
 /* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
@@ -87,7 +87,7 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
  * from the mean counts as at most 3 sd. A short burst of wrong values thus has little
  * effect, but a wrong unit soon increases the variance.
  *   Given:     memory     [s] averaging time
- *              least      min variance, for the limit of 3 sd
+ *              least      min variance from which the limit of 3 sd is computed
  *   Returned:  deviation  of x and y from their means, limited */
 static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
@@ -106,8 +106,8 @@ static void update_pair(
   q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
-/* Return the factor from the first to the second quantity of a pair, or 0 if the two do
- * not correlate. */
+/* Return the factor from the first to the second quantity of a pair, or 0 if
+ * the two do not correlate. */
 static tse_real compute_factor(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
@@ -164,9 +164,9 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update the regression for a latency with a row. If y = g x - T x', i.e. y is x with a
- * factor g and a latency T, then the sum of (x y' - y x')/2 is T times the sum of x'^2,
- * whatever g is.
+/* Update the regression for a latency with a row. If y = g x - T x', i.e. y
+ * is x with a factor g and a latency T, then the sum of (x y' - y x')/2 is T times
+ * the sum of x'^2, whatever g is.
  *   Given:  x, y   values in the previous row and in this row
  *           slope  rate of x [per second]
  *           keep   factor by which the old sums are multiplied */
@@ -243,8 +243,8 @@ static int find_late_channel(const tse_params *p, const tse_agreement *a)
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }
 
-/* If all channels have been present for COMPLETE_TIME, update the latencies with a row
- * and find the channel that is late.
+/* If accel_y, yaw_rate and the steering angle have been present for COMPLETE_TIME, update
+ * the latencies with a row and find the channel that is late.
  *   Given:  was  low-passed values of the previous row
  *           has  bits of the channels that are present
  *           dt   time since the previous row; 0 if there is none */
@@ -265,8 +265,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
-  /* if another pair disagrees, a difference between accel_x and speed is not due
-   * to the road */
+  /* if another pair disagrees, a difference between accel_x and speed
+   * is not due to the road */
   const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
@@ -281,7 +281,7 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   }
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
-  if (along && (turning || is_speed)) { /* what the pairs have in common is the speed */
+  if (along && (turning || is_speed)) { /* these pairs have only the speed in common */
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
@@ -294,14 +294,14 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
     *factor = compute_factor(&a->pair[ACROSS]);
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
-  /* front and rear wheel speeds are exchanged, or the driven axle is not that
-   * of the settings */
+  /* front and rear wheel speeds are exchanged, or the driven axle is
+   * not that of the settings */
   if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   *factor = invert_factor(compute_factor(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
-/* Compute the values of which the pairs consist, in the order SIDE ...
+/* Compute the values that are low-passed for the pairs, in the order SIDE ...
  *   Given:  x      channels
  *           speed  of the car [m/s] */
 static void compute_values(

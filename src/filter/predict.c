@@ -3,7 +3,7 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } }; /* slips of each stiffness */
+  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } }; /* slips by stiffness */
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
     for (int n = 0; n < 2 && slip_states[a][n] >= 0; n++) {
@@ -14,8 +14,8 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-/* Return the angle of the front wheels through this row, after the lags of
- * the steering. */
+/* Return the angle of the front wheels through this row, after
+ * the lags of the steering. */
 static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_real was = k->steer[2];
@@ -25,9 +25,9 @@ static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const dec
   return u;
 }
 
-/* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and
- * column of the covariance, and its sensitivities by `left`, and add (1 - left^2) sd^2
- * to its variance. */
+/* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row
+ * and column of the covariance, and its sensitivities by `left`, and add
+ * (1 - left^2) sd^2 to its variance. */
 static void fade_state(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
@@ -57,7 +57,7 @@ void update_road(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int given = (z->given & TSE_GIVEN_grade ? 1 : 0) | (z->given & TSE_GIVEN_bank ? 2 : 0);
   if (!(given | k->road_given)) return;
-  const int changes = given ^ k->road_given; /* bits of the angles that begin or cease to be given */
+  const int changes = given ^ k->road_given; /* bits: grade, bank begins or ceases to be given */
   for (int i = 0; i < 2; i++) {
     const int at = gravity[i];
     const tse_real before = get_road_mean(p, k, i);

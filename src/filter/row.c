@@ -97,7 +97,8 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
   }
   find_one_speed(p, f, z);
   /* If no axle measures the speed, slip follows from the integral of accel_x only, which
-   * contains the grade. */
+   * contains the grade. The longitudinal stiffness is then not estimated, unless the
+   * settings say that all roads are flat. */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));

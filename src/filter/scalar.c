@@ -64,8 +64,8 @@ static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], cons
   }
 }
 
-/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and update the
- * covariance accordingly.
+/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and update
+ * the covariance accordingly.
  *   Given:    y, S   as above
  *             S0     h' A h + r
  *             dgain  work space
@@ -98,7 +98,7 @@ tse_real use_scalar(
   tse_real consider_var = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = h_A_h + consider_var;
-  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state); /* beyond 3 sd reduce the gain */
+  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state); /* reduces the gain if e exceeds 3 sd */
   const tse_real S = *state + r;
   ud_correct(&k->ud, f, v, h_A_h, r, gain);
   if (consider_var > r_mul(NEGLIGIBLE, S)) correct_gain(k, y, S, h_A_h + r, gain, f);

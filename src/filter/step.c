@@ -11,16 +11,16 @@
  *   events.c          hypotheses of what may have happened: their kinds and probabilities
  *   faults.c          find channels that are frozen, or no longer at fault
  *   sensitivities.c   sensitivities of the state to events and consider parameters
- *   slip_stiffness.c  slip stiffness without the model error along the car
+ *   slip_stiffness.c  slip stiffness without the longitudinal model error
  *   plausible.c       test whether the channels agree: wrong units, signs, axles
  *   output.c          estimates, and whether they are valid */
 #include "filter/filter.h"
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether all wheel speeds have increased faster than a car can accelerate. Zeros
- * in a log and outliers cause such a jump. A fast decrease is possible, because wheels
- * may lock. */
+/* Return whether all wheel speeds have increased faster than a car can accelerate.
+ * Zeros in a log and outliers cause such a jump. A fast decrease is possible,
+ * because wheels may lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real max_rise = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -105,8 +105,8 @@ static row_class classify_row(const tse_params *p, tse_filter *f, const decoded 
   return w;
 }
 
-/* Return whether all real numbers of tse_agreement are finite. They are its members
- * before `apart`. */
+/* Return whether all real numbers of tse_agreement are finite. They are its
+ * members before `apart`. */
 static int is_agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
@@ -141,8 +141,8 @@ static int is_near_saturation(const tse_kalman *k)
   return near;
 }
 
-/* Return the most severe caution that applies to the row: the one with the
- * largest code. */
+/* Return the most severe caution that applies to the row: the one
+ * with the largest code. */
 static tse_status find_status(
     const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {
@@ -179,9 +179,9 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether all variances of the motion, given by their elements of D, are below
+/* Return whether the motion is known: all elements of D that belong to it are below
  * MAX_D. The motion can diverge within a substep if settings are unrealistic, and
- * without measurements if the car is unstable. Its variance exceeds the limit long
+ * without measurements if the car is unstable. An element exceeds the limit long
  * before a number overflows. */
 static int is_motion_known(const tse_kalman *k)
 {
@@ -191,9 +191,9 @@ static int is_motion_known(const tse_kalman *k)
   return known;
 }
 
-/* Predict to the row, update with its measurements, and decide on events. Without
- * a steering angle no sensor is used, because a stiffness would absorb the error
- * of the angle. */
+/* Predict to the row, update with its measurements, and decide on events.
+ * Without a steering angle no sensor is used, because a stiffness would absorb
+ * the error of the angle. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   const steering angle = predict_row(p, k, z);
@@ -231,8 +231,8 @@ static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const 
   k->repeats_again[STEERING] = again;
 }
 
-/* Fill the output of a row, and mark each valid stiffness as known for
- * tse_learnt_save(). */
+/* Fill the output of a row, and mark each valid stiffness as
+ * known for tse_learnt_save(). */
 static void report_step(
     const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
 {
@@ -265,8 +265,8 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  /* causes are faulty memory and overflow, perhaps by loaded numbers: do not use the
-   * loaded numbers again */
+  /* possible causes are faulty memory and overflow, perhaps due to loaded numbers: do not
+   * use the loaded numbers again */
   if (!was_finite || !is_state_finite(&f->k)) {
     f->start.loaded = 0;
     restart_filter(p, f, &z);

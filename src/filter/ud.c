@@ -17,7 +17,7 @@ static tse_real fade_d(tse_real *d, tse_real share)
   const tse_real before = *d;
   *d = r_max(r_mul(before, r_mul(share, share)), MIN_D);
 #if defined(TSE_REAL_FIXED)
-  const int follows = 1; /* at MIN_D elements of U saturate, and a quotient has too few digits */
+  const int follows = 1; /* a quotient by MIN_D has too few digits, and would saturate U */
 #else
   const int follows = *d > MIN_D;
 #endif
@@ -77,8 +77,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      /* covariance of i and j, and variance of i, less the parts of the
-       * columns after j */
+      /* covariance of i and j, and variance of i, less the parts that the columns of U
+       * after j contribute */
       tse_real left = cov[i][j];
       tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {

@@ -31,7 +31,8 @@ static inline int ud_column(int j) { return j * (j - 1) / 2; }
 
 /* ----------------------------------------------------------------------- set and read */
 
-/* Set the covariance to this diagonal, without extra states. */
+/* Set the covariance to the diagonal matrix of these variances. No extra
+ * states are in use then. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
 
 /* Set the covariance of the TSE_KEPT states from `first` on, which must not correlate
@@ -71,8 +72,8 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
 
 /* ------------------------------------------------------------------------ measurement */
 
-/* Return h' P h: the part of the variance of a scalar measurement that is due to
- * the state.
+/* Return h' P h: the part of the variance of a scalar measurement
+ * that is due to the state.
  *   Given:     h  partial derivatives of the measurement: STATES elements, then one per
  *                 extra state in use. The same holds for f, v and gain
  *   Returned:  f = U' h, v = D f, for ud_correct() */

@@ -24,7 +24,8 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
   m.h[BR] = state_unit[BR];
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
-  /* beyond 3 sd the car turns although its wheels are measured at rest: no update */
+  /* an innovation beyond 3 sd shows that the car turns although its
+   * wheels stand: no update */
   if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->ud, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   apply_correction(p, k, change);
@@ -52,11 +53,11 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
   k->before[2] = k->x[VX];
 }
 
-/* Return whether the car brakes, according to the force at the estimated slip, or to
- * accel_x if accel_x contradicts that force. The estimated slip oscillates with the
- * rotation of the wheels. Without accel_x, rows would count as driving mostly in those
- * halves of a rotation in which the estimated slip is too large. This would bias the
- * slip. */
+/* Return whether the car brakes, according to the force at the estimated slip, or
+ * to accel_x if accel_x contradicts that force. The estimated slip oscillates
+ * with the rotation of the wheels. Without accel_x, rows would count as driving
+ * mostly in those halves of a rotation in which the estimated slip is too large.
+ * This would bias the slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -107,7 +108,7 @@ typedef struct prediction {
 
 /* Predict the readings of all sensors.
  *   Given:    f  forces at the end of the row
- *   Updated:  k  pitch; forces and speed, from which the next row computes their rates */
+ *   Updated:  k  pitch; before: forces and speed, to compute rates in the next row */
 static void predict_sensors(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, prediction *s)
 {
@@ -171,9 +172,9 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
  * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
- * (of the rear axle if the driven axle is unknown). Both wheel speeds are not used then,
- * because their difference contains errors of radius and slip. It is not white, and would
- * look like a yaw rate. */
+ * (of the rear axle if the driven axle is unknown). The difference of both wheel speeds
+ * contains errors of radius and slip, which are not white. With both speeds in use it
+ * would look like a yaw rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;
@@ -266,8 +267,8 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   update_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
-  /* is_driving() uses the innovation of accel_x in the previous row: call it
-   * before the loop */
+  /* is_driving() uses the innovation of accel_x in the previous row:
+   * call it before the loop */
   const int32_t along = HAS_SLIP && is_driving(p, k, z, &f);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];

@@ -1,8 +1,9 @@
 /* filter/velocity.c - measured velocities: longitudinal and lateral speed of an INS,
  * speed and course of GNSS.
  *
- * At the position of the sensor, at a time `late` before the row, the velocity is
- * (vx, vy) = v + r x lever. The channels are:
+ * At the position of the sensor, at a time `late` before the row, the velocity
+ * is (vx, vy) = v + r x lever, with the velocity v and the yaw rate r of the
+ * car. The channels are:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
  *                                              heading' = gyro - bias
@@ -26,8 +27,8 @@ enum { KEPT_HEADING = 3, KEPT };
 /* Velocity channels, in the order of src/tables/sensors.toml. */
 enum { INS_X, INS_Y, SPEED, COURSE };
 
-/* Return whether a channel measures the longitudinal speed, whose error
- * looks like slip. */
+/* Return whether a channel measures the longitudinal speed, whose
+ * error looks like slip. */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
@@ -106,9 +107,9 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->ud, a, -1, q);
 }
 
-/* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck process
- * with time constant MODEL_TIME. Its sd is proportional to the recent sideways speed of
- * the rear axle. */
+/* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck
+ * process with time constant MODEL_TIME. Its sd is proportional to the recent sideways
+ * speed of the rear axle. */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -226,7 +227,7 @@ static void predict_reading(
   const tse_real span = find_past(&k->velocity, r_max(late, PAST_INTERVAL), delta);
   for (int i = 0; i < KEPT; i++) rate[i] = span > TSE_R(0) ? -r_div(delta[i], span) : TSE_R(0);
   late = r_min(late, span);
-  for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* linear, also if late < 0 */
+  for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* linear in late, which may be < 0 */
   const tse_real v[3] = { x[VX] + delta[0], x[VY] + delta[1], x[YAW] + delta[2] };
   const velocity_reading now = predict_value(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
@@ -264,8 +265,8 @@ static void set_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Update the filter with a value of a channel. Reject it if the recent values contradict
- * the prediction.
+/* Update the filter with a value of a channel. Reject it if the recent values
+ * contradict the prediction.
  *   Given:    dt  [s] since the last value
  *   Updated:  s, change */
 static void use_velocity(
@@ -289,7 +290,7 @@ static void use_velocity(
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(nis, r_sqr(MAX_NIS)) - m->mean_nis[c]);
   if (m->mean_nis[c] > MAX_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MAX_SINCE);
-    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the course has a new zero */
+    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the zero of the course has changed */
       m->has_heading = 0;
       m->mean_nis[c] = TSE_R(1);
       m->rejected_for[c] = TSE_R(0);

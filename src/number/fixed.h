@@ -8,11 +8,11 @@
  * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
  * the filter restarts.
  *
- * The code is portable C: a product is computed from four products of 32-bit halves. If
- * the compiler has 128-bit integers, it uses them, with the same results and in less
- * time. A Cortex-M0 uses 16-bit products. Two properties of the compiler are checked:
- * right shifts of negative numbers are arithmetic, and conversion to a signed type
- * keeps the bits. */
+ * The code is portable C: a product is computed from four products of 32-bit halves.
+ * If the compiler has 128-bit integers, it uses them, with the same results and in
+ * less time. A Cortex-M0 uses 16-bit products. Two properties of the compiler are
+ * checked: right shifts of negative numbers are arithmetic, and conversion to a
+ * signed type keeps the bits. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -91,9 +91,9 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* Return an approximation of 2^31/d, at most 2 too small, for d from 2^15 to 2^16. The
- * first approximation is the best line of slope -1 (error 7.2 %). Three Newton steps
- * follow. */
+/* Return an approximation of 2^31/d, at most 2 too small, for d from 2^15 to
+ * 2^16. The first approximation is the best line of slope -1 (error 7.2 %).
+ * Three Newton steps follow. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -286,7 +286,7 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
 }
 
 /* Return the square root of x >= 2^30, rounded down. The first approximation is a line.
- * Three Newton steps from above follow. */
+ * Three Newton steps follow, which converge from above. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
   uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;

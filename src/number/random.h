@@ -8,9 +8,9 @@
 
 #include "number/real_ops.h"
 
-/* Purpose of a random number. Numbers of one step with different purposes are
- * independent. In the counter the purpose takes the bits above the 16 bits of the
- * particle. */
+/* Purpose of a random number. Numbers of one step with different
+ * purposes are independent. In the counter the purpose takes the bits
+ * above the 16 bits of the particle. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,
@@ -30,8 +30,8 @@ enum {
 
 static inline uint32_t rotate_left(uint32_t x, int n) { return (x << n) | (x >> (32 - n)); }
 
-/* Compute two random words from the key (seed) and the counter (step,
- * purpose, particle). */
+/* Compute two random words from the key (seed) and the counter
+ * (step, purpose, particle). */
 static inline void random_words(
     const uint32_t seed[2], uint32_t step, uint32_t purpose, uint32_t particle, uint32_t *a, uint32_t *b)
 {

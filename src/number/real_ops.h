@@ -1,8 +1,8 @@
 /* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div,
  * r_sqrt, r_exp2 ...
  *
- * `+ - <` and unary minus are native in every format. Every other operation has
- * a function here.
+ * `+ - <` and unary minus are native in every format. Every other
+ * operation has a function here.
  *
  * double, float   Only + - * /, sqrt and integer operations are used, so that every IEEE
  *                 machine computes the same bits. Build with -ffp-contract=off, without
@@ -242,10 +242,10 @@ static inline tse_real r_exp2(tse_real x)
   return (REAL_ONE + r * evaluate_exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 the sine is -v (1 -
- * v^2) P(-v^2), and the cosine is -(1 - 4 v^2) Q(-v^2). The polynomials are in -v^2,
- * because their coefficients are then positive: gcc 12 contracts mixed sums and
- * differences in spite of -ffp-contract=off. */
+/* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 they are
+ *   sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2).
+ * The polynomials are in -v^2, because their coefficients are then positive: gcc 12
+ * contracts mixed sums and differences in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -267,8 +267,8 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
 
-/* Return the angle of (x, y), or NaN if an argument is NaN. |x| + |y| must
- * not overflow. */
+/* Return the angle of (x, y), or NaN if an argument is NaN. |x| +
+ * |y| must not overflow. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const tse_real ax = r_abs(x), ay = r_abs(y);
@@ -414,9 +414,9 @@ static inline tse_real r_exp2(tse_real x)
   return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
-/* Compute sine and cosine of 2 pi t. With t = quarter/4 + x/8, |x| <= 1, they follow from
- * sin(pi/4 x) = x P(x^2) and cos(pi/4 x) = 1 + x^2 Q(x^2). Only the fractional part of t
- * counts. */
+/* Compute sine and cosine of 2 pi t. With t = quarter/4 + x/8, |x| <= 1, they
+ * follow from sin(pi/4 x) = x P(x^2) and cos(pi/4 x) = 1 + x^2 Q(x^2). Only the
+ * fractional part of t counts. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);

@@ -40,8 +40,8 @@
 #define MAX_ROW 32 /* max number of elements of a row */
 #define ROW_UP 4 /* log2 of the scale of transition rows: their small numbers are stored times 2^ROW_UP */
 
-/* Nonzero elements m of a row, their indices `at` in the row, and the shift `right` of
- * all elements. */
+/* Nonzero elements m of a row, their indices `at` in the row, and the shift
+ * `right` of all elements. */
 typedef struct r_sparse {
   tse_short m[MAX_ROW];
   int32_t count, right;
@@ -73,8 +73,8 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
   return (void)more, r_mul(x, r_div(was, d));
 }
 
-/* Scale rows by a power of two. In double and float nothing is scaled: `up` is 0 and
- * ignored. */
+/* Scale rows by a power of two. In double and float nothing is scaled:
+ * `up` is 0 and ignored. */
 static inline int r_scale_of(const tse_real *x, int n, int max) { return (void)x, (void)n, (void)max, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
@@ -438,10 +438,10 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
   return saturate_short(y + more);
 }
 
-/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below 16 in
- * magnitude, so that the sum of 32 products with a row is below 2^62. The units of the
- * states are at most 1, and those of the motion, by which r_over_unit() divides, at least
- * 2^-8. */
+/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below
+ * 16 in magnitude, so that the sum of 32 products with a row is below 2^62. The
+ * units of the states are at most 1, and those of the motion, by which r_over_unit()
+ * divides, at least 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }

@@ -22,7 +22,7 @@
                               * low-passed white noise, up to which lambda does not change */
 #define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda per unit of the ratio above USUAL_RATIO */
 
-/* Draw Student-t variates for a run of particles. */
+/* Draw three Student-t variates, t[0] .. t[2], for each particle of a run. */
 static void draw_student(
     const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {
@@ -40,10 +40,10 @@ static void draw_student(
   }
 }
 
-/* Limit a drawn w: reflect it at w_low, clip it at w_max. With reflect_draws, w_low is
- * stiffness_min - 1, so that the stiffness stays positive. Otherwise w_low is
- * min(-w_max, w_min), which only keeps w bounded: as in the paper, the stiffness 1 + w
- * may be negative. */
+/* Limit a drawn w: reflect it at w_low, clip it at w_max. With reflect_draws, w_low
+ * is stiffness_min - 1, so that the stiffness stays positive. Otherwise w_low is
+ * min(-w_max, w_min), which only keeps w bounded: as in the paper, the stiffness
+ * 1 + w may be negative. */
 static inline tse_real bound_draw(const tse_params *p, tse_real w)
 {
   return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
@@ -94,8 +94,8 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
  *   mu+ = mu + gamma+ z
  *   Lambda+ = Lambda + z z'/(1 + gamma), thus
  *   lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
- * If a diagonal element of lam exceeds the limit that follows from spread_max, lam is
- * scaled down to it. */
+ * If a diagonal element of lam exceeds the limit that follows from spread_max, all of
+ * lam is scaled down by the same factor. */
 static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
     tse_real max, tse_particles *TSE_RESTRICT q)
 {
@@ -156,12 +156,12 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget old samples, equation (17): divide gamma by lambda, and multiply nu and Lambda
- * by lambda (lam = Lambda/nu does not change). The lambda of a row is
- * lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a lambda of
- * its own, which decreases while innovations are correlated. gamma is limited to 1 or its
- * initial value, whichever is larger, so that the mean is never less certain than at this
- * gamma. */
+/* Forget old samples, equation (17): divide gamma by lambda, and multiply nu and
+ * Lambda by lambda (lam = Lambda/nu does not change). The lambda of a row is
+ * lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a
+ * lambda of its own, which decreases while innovations are correlated. gamma is
+ * limited to 1 or its initial value, whichever is larger, so that the mean is never
+ * less certain than at this gamma. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

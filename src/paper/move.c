@@ -2,9 +2,9 @@
  * one, with the w drawn at the previous row. */
 #include "paper/paper.h"
 
-/* Values of the setting `integration`. 0: Euler, as in the paper. 1: second order, with
- * inputs that are linear between rows. 2: as 1, but with the steering angle of the
- * previous row. */
+/* Values of the setting `integration`. 0: Euler, as in the paper. 1: second
+ * order, with inputs that are linear between rows. 2: as 1, but with the steering
+ * angle of the previous row. */
 #define EULER 0
 #define HELD_STEER 2
 

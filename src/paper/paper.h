@@ -1,10 +1,10 @@
 /* paper/paper.h - the particle filter of the paper (form 1): stages of Algorithm 1.
  * Numbers in parentheses are equations of the paper. Internal.
  *
- * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided by
- * the mass, measurements by the sds of the sensors. gamma, nu and the covariance P of the
- * biases follow recursions that do not contain measurements. They are therefore common to
- * all particles. */
+ * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided
+ * by the mass, measurements by the sds of the sensors. gamma, nu and the covariance P of
+ * the biases follow recursions that do not contain measurements. They are therefore
+ * common to all particles. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 
@@ -119,8 +119,8 @@ TSE_INLINE innovation compute_innovation(
 
 /* --------------------------------------------------- algorithm1.c: start reading here */
 
-/* Advance the particles from the previous row to this one: lines 17, 18 of
- * Algorithm 1. */
+/* Advance the particles from the previous row to this one: lines
+ * 17, 18 of Algorithm 1. */
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* Update the particles with the sample of this row: lines 3 .. 16 of Algorithm 1.
@@ -131,8 +131,8 @@ void paper_update(
 
 /* ---------------------------------------------------------------------------- start.c */
 
-/* Initialise all particles from the settings or from a learnt state: the line Initialize
- * of Algorithm 1. */
+/* Initialise all particles from the settings or from a learnt state: the line
+ * Initialize of Algorithm 1. */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* Initialise only the motion of all particles, from wheel speeds and gyro. */
@@ -181,8 +181,8 @@ void paper_weighted_means(
 
 /* ------------------------------------------------------------------------- resample.c */
 
-/* Resample the particles in proportion to their weights, line 9. The weights
- * are then equal. */
+/* Resample the particles in proportion to their weights, line 9. The
+ * weights are then equal. */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
 
 /* Choose the ancestors of n particles, in ascending order.

@@ -1,8 +1,8 @@
 /* paper/particle.h - the vehicle model of vehicle.h as the particle filter uses it,
  * equations (6), (7), (9) of the paper, for one particle.
  *
- * All functions are inline and without branches, so that loops over particles
- * vectorise. */
+ * All functions are inline and without branches, so that loops
+ * over particles vectorise. */
 #ifndef TSE_PARTICLE_H
 #define TSE_PARTICLE_H
 

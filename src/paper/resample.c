@@ -8,8 +8,8 @@
  *   stratified   (k + U_k)/n, one U each
  *   multinomial  n sorted uniform numbers
  *   residual     floor(n q) copies, then stratified over the remainders of n q
- * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
- * ISPA 2005. */
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle
+ * filtering", ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 

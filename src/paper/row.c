@@ -22,12 +22,12 @@ static tse_real find_max_wheel_speed(const sample *y)
   return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear));
 }
 
-/* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
- * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness explains the data equally well. The criterion is the variance,
- * over the recent past, of the regressor phi of the stiffness (a column of d, in sigma
- * per unit of w). A mean over `memory` samples, each with noise 1 + phi^2 spread^2, has
- * the variance
+/* Find the stiffnesses that recent inputs have excited. A stiffness can be observed
+ * only while its force changes: with a constant slip or slip angle, a different
+ * velocity with a different stiffness explains the data equally well. The criterion is
+ * the variance, over the recent past, of the regressor phi of the stiffness (a column
+ * of d, in sigma per unit of w). A mean over `memory` samples, each with noise
+ * 1 + phi^2 spread^2, has the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)),
  * which must be below valid_sd^2. The result is used for validity only. The recent past
  * is two memories, because after a change the estimate of the velocity has a longer
@@ -78,8 +78,8 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   return k;
 }
 
-/* Report a row without an update. The next row is then predicted with the
- * mean stiffness. */
+/* Report a row without an update. The next row is then predicted
+ * with the mean stiffness. */
 static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);

@@ -24,9 +24,9 @@ static tse_real compute_gamma_ratio(tse_real x)
 
 /* Return log2 of the factor of the Student-t density that is common to all particles. d
  * is the number of channels used:
- *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |common scales|^(-1/2),
- * divided by the product of the sds of the sensors, so that the density is that in SI
- * units. */
+ *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |P + R|^(-1/2),
+ * divided by the product of the sds of the sensors, so that the
+ * density is that in SI units. */
 static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
