@@ -1,7 +1,7 @@
 """Propose what to drive or measure next, and predict the resulting intervals.
 
-The intervals are those of both cornering stiffnesses. They follow from the information
-matrix of the fit, to which that of a simulated manoeuvre is added. Residuals of the
+The intervals are those of both cornering stiffnesses. They follow from the sum of two
+information matrices, that of the fit and that of a simulated manoeuvre. Residuals of the
 manoeuvre are assumed to be as large and as correlated as those of the logs.
 """
 
@@ -29,7 +29,9 @@ STEP_RISE = 0.3  # [s] time that a driver takes for a step
 KNOWN_LATENCY = 0.002  # [s] sd of a latency that the documentation of the bus states
 KNOWN_INERTIA = 0.03  # relative sd of a yaw inertia that a test bench measured
 KNOWN_PLACE = 0.02  # [m] sd of a position that a tape measure measured
-MAX_REMAINING = 0.9  # interval with a proposal over the present interval; see list_offers()
+# A proposal is listed if it narrows the interval of an axle to less than this share of
+# the present interval
+MAX_REMAINING = 0.9
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,11 @@ class Offer:
     """A proposal, and the intervals that would result from it."""
 
     what: str
-    sd: dict[str, float]  # resulting sd of ln(cornering stiffness), by name of the stiffness
+    sd: dict[str, float]  # name of a cornering stiffness -> resulting sd of ln(stiffness)
 
 
 def steer_sweep(t: np.ndarray) -> np.ndarray:
-    """Return the steering angle [rad] of a sine sweep, logarithmic over SWEEP_BAND."""
+    """Return the steering angle [rad] of a logarithmic sine sweep over SWEEP_BAND."""
     low, high = SWEEP_BAND
     rate = np.log(high / low) / MANOEUVRE_TIME
     return STEER_AMPLITUDE * np.sin(2 * np.pi * low * np.expm1(rate * t) / rate)
@@ -94,7 +96,7 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
 
 
 def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
-    """Return the proposals as lines of text; the first line has the present intervals."""
+    """Return a string with the present intervals, followed by one for each proposal."""
 
     def format_sd(sd: dict[str, float]) -> str:
         return " and ".join(f"+- {196 * sd[k]:.0f}" for k in CORNERING_AXLES) + " %"
@@ -113,7 +115,7 @@ def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -
 
 
 def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
-    """Return the information matrix of the car; unknowns of logs are marginalised."""
+    """Return the information matrix of the car, with unknowns of logs marginalised."""
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
 
@@ -124,7 +126,7 @@ def _list_latencies(problem: CarProblem) -> list[str]:
 
 
 def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd: float) -> dict[str, float]:
-    """Return the sd of both axles, if the unknowns `names` are measured with sd `sd`."""
+    """Return the sds as in Offer.sd, if the unknowns `names` are known with sd `sd`."""
     information = _compute_car_information(problem, fit)
     at = [problem.names.index(n) for n in names]
     information[at, at] += sd**-2
@@ -134,13 +136,13 @@ def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd:
 def compute_sd_after(
     problem: CarProblem, fit: CarFit, steer: Callable[[np.ndarray], np.ndarray]
 ) -> dict[str, float]:
-    """Return the sd of both axles, if a manoeuvre with this steering angle is added."""
+    """Return the sds as in Offer.sd, if a manoeuvre with this steering angle is added."""
     added = _compute_added_information(problem, fit, [_make_log(problem, steer)], fit.scales)
     return compute_axle_sd(problem, fit, _compute_car_information(problem, fit) + added)
 
 
 def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> dict[str, float]:
-    """Return the sd of both axles, if the logs had a measured lateral velocity."""
+    """Return the sds as in Offer.sd, if the logs had a measured lateral velocity."""
     logs = [
         replace(
             log,
@@ -181,7 +183,7 @@ def _compute_information(
 
 
 def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
-    """Return a log of a manoeuvre with the channels and noise of the logs.
+    """Return a log of a manoeuvre with the same channels and noise as the recorded logs.
 
     All measured values are 0: only partial derivatives of the simulation are needed.
     """

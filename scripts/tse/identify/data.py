@@ -26,11 +26,11 @@ from tse.log.noise import estimate_channel_noise, estimate_noise, fill_gaps, fin
 from tse.log.rows import DRIVES, MEASURES, CheckedLog
 
 COMPARED_CHANNELS = MEASURES
-MIN_FIT_SPEED = 3.0  # [m/s] below, the tyre model does not hold and wheel speeds are coarse
+MIN_FIT_SPEED = 3.0  # [m/s] below it, the tyre model does not hold and wheel speeds are coarse
 DIVERGED = 1e4  # [rad/s, m/s, m/s2] value of all channels of a simulation that diverges
 MAX_FIT_STEER = 0.6  # [rad] at the wheels; beyond, the model does not hold
 BLOCK_TIME = 0.04  # [s] length of a block; residuals are compared as means over blocks
-BURN_IN = 1.0  # [s] begin of a stretch that is not compared, because its initial state is unknown
+BURN_IN = 1.0  # [s] first part of a stretch; not compared, because the initial state is unknown
 MIN_STRETCH_TIME = 3.0  # [s] shorter stretches are not used: their burn-in is too large a share
 MAX_HOLE = 0.1  # [s] a longer hole in an input ends a stretch
 # [m] sd of the Gaussian that smooths the curvature of a road: length scale of the
@@ -63,11 +63,12 @@ class PreparedLog:
     rows_per_block: int
     distance: np.ndarray  # [m] travelled since the first row
     notes: list[str] = field(default_factory=list)
-    # for channels whose noise was raised to a floor: sd before over sd after
+    # for channels whose noise was raised to a floor: ratio of original to raised sd
     quiet: dict[str, float] = field(default_factory=dict)
-    held: dict[str, float] = field(default_factory=dict)  # [s] mean age of values, if a channel repeats them
+    # [s] for channels that repeat their samples: mean age of the values in the rows
+    held: dict[str, float] = field(default_factory=dict)
     wheel_noise: float = 0.0  # [rad/s] rms of the part of wheel speeds that smoothing removed
-    # [s] latency of measured channels behind the gyro; that of inputs is removed already
+    # [s] latency of measured channels relative to the gyro; inputs are already corrected
     late: dict[str, float] = field(default_factory=dict)
     road: dict[str, np.ndarray] = field(default_factory=dict)  # [rad] bank and grade, if they are logged
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -93,7 +94,7 @@ class PreparedLog:
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """Return the values that an input has `by` [s] later; this removes a latency."""
+        """Return the values of an input `by` [s] later. This removes a latency `by`."""
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
@@ -244,7 +245,10 @@ def smooth_values(time: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
-    """Return the smoothing spline of the finite values; None if few or without noise."""
+    """Return the smoothing spline of x; None if x has few values or no noise.
+
+    Missing values and values that repeat an old sample are left out.
+    """
     good = np.isfinite(x) & find_new_values(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
@@ -262,10 +266,10 @@ def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
 
 
 def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
-    """Return the penalty for which a spline of every second row predicts the others best.
+    """Return the penalty with which a spline of every second row predicts the rest best.
 
     The penalty is the ratio of noise to signal, which does not depend on the number of
-    rows, so it also holds for the spline of all rows.
+    rows. So it also holds for the spline of all rows.
     """
 
     def compute_error(exponent: float) -> float:
@@ -282,7 +286,7 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
 
 def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of the compared blocks, and their numbers of finite values."""
+    """Return the mean of x over each compared block, and its number of finite values."""
     parts = []
     for s in log.stretches:
         piece = x[s.first : s.last][s.used]
@@ -350,7 +354,8 @@ def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> C
     minute for a log of half an hour), because it loops over the rows in Python.
     """
     h = np.diff(time)
-    before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]  # of the second difference
+    # coefficients of the second difference at a row, the row before and the row after
+    before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]
     bands = np.zeros((3, len(h) - 1))
     bands[2] = (h[:-1] + h[1:]) / 3 + penalty * (before**2 + here**2 + after**2)
     bands[1, 1:] = h[1:-1] / 6 + penalty * (here[:-1] * before[1:] + after[:-1] * here[1:])
@@ -385,11 +390,11 @@ def simulate(
     channels
         Outputs of the model that are returned.
     stiffness
-        Initial stiffness over that of `config`, by name.
+        Initial stiffness relative to that of `config`, by name.
     profiles
-        Bank and grade of each row, rad; those of the log are added.
+        Bank and grade of each row, rad. Bank and grade in the log are added to them.
     later
-        Latency [s] by channel, in addition to that of the vehicle file.
+        Latency [s] by channel. It is added to the latency in the vehicle file.
 
     Returns
     -------
@@ -426,8 +431,8 @@ def simulate(
 def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
     """Return v^2 times the curvature of the road [m/s2] for each row, with the speed v.
 
-    The bank of a road in its curves is taken as proportional to it. The curvature of the
-    road is that of the car's path, smoothed over CURVE_LENGTH.
+    The bank of a road in a curve is assumed to be proportional to this value. The
+    curvature of the road is that of the car's path, smoothed over CURVE_LENGTH.
     """
     rate, v = log.measured["yaw_rate"], np.maximum(compute_speed(log.inputs, config), MIN_FIT_SPEED)
     if not np.isfinite(rate).any():

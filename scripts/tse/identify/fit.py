@@ -1,6 +1,7 @@
 """Estimate car and road by maximum a posteriori: Gauss-Newton on robust least squares.
 
-The cost is minimised over x (car, leans, biases) and z (values of bank and grade):
+The cost is minimised over x (unknowns of the car, lean of the roads, and biases, see
+problem.py) and z (values of bank and grade at the knots of the roads, see knots.py):
     sum over residuals e of rho(e)/sd^2
     + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2.
 rho is the Huber loss, and sd that of one value of the channel, see measure_scales(). mean
@@ -30,11 +31,13 @@ HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
-NEAR_RATIO = 0.9  # rms after a step over rms before; if larger in all channels, the maximum is near
-MAX_FINAL_STEP = 0.1  # [posterior sd] a step without a larger change of an unknown ends the search
+# The maximum is near if, in all channels, the ratio of the rms after a step to that
+# before it is larger than this
+NEAR_RATIO = 0.9
+MAX_FINAL_STEP = 0.1  # [posterior sd] a step that changes no unknown by more ends the search
 MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
-MIN_GAIN_SHARE = 0.25  # gain of a step over predicted gain; below, derivatives are simulated again
-MAX_HALVINGS = 6  # lengths of a step that are tried, each half of the one before
+MIN_GAIN_SHARE = 0.25  # ratio of gain to predicted gain; below it, derivatives are simulated again
+MAX_HALVINGS = 6  # number of lengths of a step that are tried, each half as long as the one before
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class ResidualScale:
     """Size of the residuals of a channel, in their unit."""
 
     rms: float  # root mean square, with outliers clipped
-    sd: float  # sd by which one value is weighted; it is larger, because values are correlated
+    sd: float  # a value has the weight 1/sd^2; sd is larger than rms, because values are correlated
 
 
 @dataclass
@@ -52,23 +55,24 @@ class CarFit:
     Attributes
     ----------
     x, covariance
-        Estimate of the unknowns, and its covariance. Stiffness is ln(stiffness over that
-        of the vehicle file).
+        Estimate of the unknowns, and its covariance. A stiffness is given as
+        ln(stiffness / stiffness in the vehicle file).
     z
         Values of bank and grade [rad].
     search
-        x in the coordinates of the search, in which cornering stiffness is its inverse.
+        x in the coordinates of the search: cornering stiffnesses are replaced by their
+        inverses.
     scales
         Size of the residuals by channel.
     residuals, slopes, equations
         At x and z: residuals, their partial derivatives with respect to x and to z, and
         normal equations.
     converged
-        The search has reached the maximum, not the limit of its steps.
+        True: the search has found the maximum. False: it stopped at the limit of steps.
     steps, moved
-        Number of steps, and largest change of an unknown in the last one [posterior sd].
+        Number of steps, and largest change of an unknown in the last step [posterior sd].
     level
-        Residuals at x on level roads.
+        Residuals at x if bank and grade are 0.
     """
 
     x: np.ndarray
@@ -100,20 +104,21 @@ def measure_scales(
     residuals
         A vector for each group of the problem.
     before
-        Sizes before the last step. Outliers are clipped at HUBER times this rms. None:
+        Sizes before the last step. Outliers are clipped at HUBER times their rms. None:
         the rms for clipping is estimated by the median of the residuals.
     near
-        True: the residuals are those of a fit. False: they are much larger, and their
-        values are weighted as independent ones (sd = rms).
+        True: the search is near the maximum. False: the residuals are much larger than at
+        the maximum, and their values are weighted as independent ones (sd = rms).
 
     Notes
     -----
-    rms^2 = noise^2 + model^2, with the sd of the sensor's noise and of the model error.
-    The noise is independent from value to value. The model error counts once in
-    MODEL_TIME. So sd^2 = noise^2 + model^2 MODEL_TIME/dt, with the time dt between
-    values. The lower limit of `model` is the error of a velocity sensor by the settings,
-    and MIN_MODEL_ERROR of the signal for accel_y and yaw_rate. Without the second limit,
-    a fit whose residuals are only noise would have intervals too narrow for any model.
+    rms^2 = noise^2 + model^2, with the sd `noise` of the sensor and the sd `model` of the
+    model error. The noise is independent from value to value. The model error counts once
+    in MODEL_TIME. So sd^2 = noise^2 + model^2 MODEL_TIME/dt, if values are dt apart.
+
+    `model` has a lower limit, see compute_lasting_error(). For accel_y and yaw_rate it is
+    MIN_MODEL_ERROR times the rms of the signal. Without this limit, a fit whose residuals
+    are only noise would have narrower intervals than any model of a real car permits.
     """
     found: dict[str, ResidualScale] = {}
     for c in problem.channels:
@@ -166,8 +171,8 @@ class NormalEquations:
     def compute_road_evidence(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
         """Return the evidence [nat] that some values of the road differ from 0.
 
-        It is ln of the Savage-Dickey ratio: prior over posterior density of these values
-        at 0, with x and all other values marginalised.
+        It is the ln of the Savage-Dickey ratio: prior density divided by posterior
+        density of these values at 0, with x and all other values marginalised.
         """
         if self.factor is None:
             return 0.0
@@ -267,22 +272,24 @@ def fit(
     problem
         Residuals and prior.
     x, z
-        Start, x in the coordinates of the search; None: mean of the prior.
+        Start, with x in the coordinates of CarFit.search. None: mean of the prior.
     say
         Called after each step with a line about the progress.
     max_steps
         Maximum number of steps; None: MAX_FIT_STEPS.
     near
-        True: the start is near the maximum, so its residuals are those of a fit.
+        True: the start is near the maximum, so its residuals are weighted as correlated.
     tables
         Partial derivatives with respect to x at the start, if they are known. The search
-        may then end without simulating them. Only on known roads.
+        may then end without simulating them. To be given only if bank and grade are
+        known, i.e. z is empty.
 
     Notes
     -----
     Far from the maximum the residuals are large. If they were weighted as correlated
-    ones, the logs would have too little weight against the prior to leave the start. So
-    values are weighted as independent ones until the fit is near (measure_scales()).
+    ones, the logs would have too little weight against the prior to move x away from the
+    start. So values are weighted as independent ones until the maximum is near, see
+    measure_scales().
 
     Partial derivatives by finite differences need a simulation of all logs for each of
     about fifty unknowns, which is nearly all of the computing time. They are simulated at
@@ -377,7 +384,7 @@ def _predict_gain(
     by: np.ndarray,
     along: np.ndarray,
 ) -> float:
-    """Return the reduction of the cost by a step, as partial derivatives predict it."""
+    """Return the reduction of the cost by a step that the partial derivatives predict."""
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
     return compute_cost(problem, scales, x, z, residuals) - compute_cost(
         problem, scales, x + by, z + along, there
@@ -395,7 +402,7 @@ def _update_slopes(
 ) -> list[np.ndarray]:
     """Update partial derivatives so that they predict the residuals after a step.
 
-    Of all such updates, return the smallest one, with x in units of the prior sd.
+    Of all updates that do so, make the smallest, measured with x in units of prior sds.
     """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)
@@ -406,7 +413,7 @@ def _update_slopes(
 
 
 def compute_covariance(problem: CarProblem, fit: CarFit, channels: Collection[str]) -> np.ndarray:
-    """Return the covariance of x if only some channels are used; stiffness in ln."""
+    """Return the covariance of x, as in CarFit, if only some channels were used."""
     equations = build_normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
     ln = problem.compute_ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)

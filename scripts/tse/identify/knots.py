@@ -2,9 +2,9 @@
 
 Bank and grade accelerate the car by gravity, which accelerometers do not measure. With
 the measured accelerations a_x and a_y, v_x' = a_x - g grade and
-v_y' = a_y - v_x yaw_rate - g bank. A value acts on few rows. So one simulation gives the
-partial derivatives with respect to every KNOT_SPACING-th value, and the fit eliminates
-the values by a sparse factorisation.
+v_y' = a_y - v_x yaw_rate - g bank. The value at a knot acts only on the rows near this
+knot. So one simulation gives the partial derivatives with respect to the values at every
+KNOT_SPACING-th knot, and the fit eliminates all values by a sparse factorisation.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy.sparse import coo_matrix, csc_matrix
 KNOT_DISTANCE = 40.0  # [m] between knots; the bank of a road changes within 30 .. 60 m
 KNOT_SD = 0.03  # [rad] prior sd of a value of bank or grade; the prior mean is 0
 PROFILES = ("bank", "grade")
-KNOT_SPACING = 5  # one simulation changes the values of every 5th knot
-KNOT_LEAD = 1.0  # [knots] a value acts from one knot before its place on (linear interpolation)
+KNOT_SPACING = 5  # one simulation changes the values at every 5th knot
+KNOT_LEAD = 1.0  # [knots] distance before a knot at which its value begins to act (interpolation)
 KNOT_STEP = 0.01  # [rad] step of the finite differences; the effect of gravity is nearly linear
 
 
@@ -71,7 +71,7 @@ class Knots:
         return cls(list(distance), of_log, first, count, tuple(kinds))
 
     def __len__(self) -> int:
-        """Return the length of z, which has bank and then grade of each road in turn."""
+        """Return the length of the vector z: for each road, its bank, then its grade."""
         return len(self.kinds) * sum(self.count)
 
     def get_slice(self, road: int, profile: str) -> slice:
@@ -91,7 +91,11 @@ class Knots:
         return {p: np.nan_to_num(x) for p, x in found.items()}
 
     def list_moves(self) -> list[np.ndarray]:
-        """Return steps of z. Each changes values that do not act on a common row."""
+        """Return the steps of z for finite differences, each as long as z.
+
+        A step changes the values of one profile at every KNOT_SPACING-th knot, which are
+        so far apart that at most one changed value acts on a row.
+        """
         found = []
         for profile in self.kinds:
             for colour in range(KNOT_SPACING):
@@ -102,10 +106,11 @@ class Knots:
         return found
 
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return, for each distance, which of the values that `step` changes acts there.
+        """Return, for each distance, the index in z of the changed value that acts there.
 
-        It is the value of the knot that the car passed last or reaches within KNOT_LEAD.
-        The result has its index in z, or -1 without such a knot.
+        `step` is one of list_moves(). It changes the values at some knots. The value that
+        acts is that of the last of these knots which the car has passed or reaches within
+        KNOT_LEAD. The index is -1 if there is no such knot.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)

@@ -14,7 +14,7 @@ from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 from tse.roads.road_match import derive_road, derive_track, match_common
 
-MIN_LAP_SHARE = 0.5  # share of the rows of a log on a road; below, the log is of a different road
+MIN_LAP_SHARE = 0.5  # a log belongs to a road if at least this share of its rows lies on the road
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Laps:
     ----------
     distance : list of (n,) arrays [m], one for each log
         Place of each row along the road; NaN: off the road. If several logs share a
-        circuit, all rounds have the places of the first.
+        circuit, a point of it has the same value in all rounds.
     of : list of int, one for each log
         Index of the road.
     path : list of Road or None, one for each road
-        Path without bank and grade. None: the car hardly moved, or a single log is of a
-        circuit.
+        Path without bank and grade. None: the car hardly moved, or the road is a circuit
+        of which there is only a single log.
     """
 
     distance: list[np.ndarray]
@@ -47,7 +47,7 @@ class Laps:
 
 
 def find_laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
-    """Find the logs that share a road: compare each log with the roads of earlier ones.
+    """Find the logs that share a road: compare each log with the roads of earlier logs.
 
     Computing time: half a second for the comparison of two laps of 4 km.
     """
@@ -80,11 +80,11 @@ def _derive_path(track: object) -> Road | None:
         road = derive_road(track)
     except UserError:
         return None
-    return None if road.is_closed else road  # on a circuit, each round of a log has its own knots
+    return None if road.is_closed else road  # in a single log of a circuit, each round has its own knots
 
 
 def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return a path with the profiles of a fit: values and sds of `knots.kinds`."""
+    """Return the path with the bank and grade of a fit, z, and their sds, sd."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
         mine = knots.get_slice(road, kind)

@@ -1,15 +1,17 @@
-"""Measure the slow part of residuals in the two quantities of the filter's settings.
+"""Measure the slow part of residuals by two numbers, power and walk.
 
 power: integral of the autocovariance over positive lags. It is the variance of an error
-that lasts 1 s and has the same effect.
+that lasts 1 s and has the same effect. The setting model_sd is derived from it.
 
-walk: sd of the random walk, per sqrt(s), whose spectrum bounds that of the residuals from
-above. D(L) is the mean square of the change of residuals over a lag L. Then
+walk: sd of a random walk, per sqrt(s), whose spectrum is nowhere below that of the
+residuals. It becomes the setting of the random walk of the bias of the channel. Let D(L)
+be the mean square of the change of the residuals over a lag L. Then
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
 Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2
-comes from hills, whose autocovariance is exp(-t/T) (cos t/T + sin t/T) for variance 1. It
-makes walk^2 = 2/T, and the spectrum of this random walk touches that of the hills and is
-nowhere below it. For residuals that are a random walk, walk^2 is twice too large.
+comes from hills, whose autocovariance is exp(-t/T) (cos t/T + sin t/T) for variance 1.
+With this factor walk^2 = 2/T, and the spectrum of the random walk touches that of the
+hills but is nowhere below it. If the residuals are themselves a random walk, the factor
+makes walk^2 twice too large.
 """
 
 from __future__ import annotations
@@ -23,15 +25,15 @@ SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags of the differences that determine wa
 MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance
 MIN_PIECE_VALUES = 20  # least number of values in a piece, and of pairs of values at a lag
 LASTING_PIECE_TIME = 10.0  # [s] length of a piece in measure_share(): about two manoeuvres
-SHARE_QUANTILE = 0.9  # quantile of the model error over all pieces that is the result
+SHARE_QUANTILE = 0.9  # measure_share() returns this quantile of the ratios of all pieces
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Residuals of one channel in one log."""
+    """Residuals of one channel in one log, with one entry per value in each array."""
 
     time: np.ndarray  # [s]
-    size: np.ndarray  # moving rms of the channel, in its unit
+    size: np.ndarray  # moving rms of the measured channel, in the unit of the residuals
     residual: np.ndarray
 
 
@@ -77,7 +79,10 @@ def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
 
 
 def _combine_lagged(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufunc) -> np.ndarray:
-    """Apply `of` to all pairs of residuals that are `lag` steps apart, also in time."""
+    """Apply `of` to all pairs of residuals that are `lag` entries apart, without gaps.
+
+    Pairs whose distance in time differs from `lag` times `step` are left out.
+    """
     if lag >= len(residual):
         return np.zeros(0)
     near = slice(None, len(residual) - lag)
@@ -93,25 +98,26 @@ def _sum_positive(covariance: np.ndarray) -> float:
 
 
 def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the model error over the signal, and the number of pieces that show it.
+    """Return the ratio of model error to signal, and the number of pieces with a signal.
 
     Parameters
     ----------
     pieces
         Residuals of a channel, one entry for each log.
     floor
-        A small signal for each value, one entry for each log. Its square is added to that
-        of the signal, so that pieces without signal do not give large ratios.
+        A small signal for each value, one array for each log. Its square is added to the
+        square of the signal, so that pieces without signal do not give large ratios.
 
     Returns
     -------
     share
-        sd of an error that lasts 1 s and has the power of the residuals, over the signal.
-        It is the SHARE_QUANTILE over all pieces of LASTING_PIECE_TIME, not their mean: a
-        model that is right on a motorway and 15 % off in a hairpin is not 5 % off.
+        Ratio of two numbers: the sd of an error that lasts 1 s and has the same power as
+        the residuals, and the rms of the signal. The ratio is computed for each piece of
+        LASTING_PIECE_TIME, and the SHARE_QUANTILE of the ratios is returned. Their mean would be
+        misleading: a model that is right on a motorway and 15 % off in a hairpin is not
+        5 % off.
     count
-        Number of pieces. The weight of each is the share of signal^2 in signal^2 +
-        floor^2.
+        Sum of the weights signal^2 / (signal^2 + floor^2) of the pieces.
     """
     square = np.mean(np.concatenate([(p.residual - p.residual.mean()) ** 2 for p in pieces]))
     lasts = measure_lasting(pieces).power / max(float(square), 1e-300)

@@ -15,16 +15,16 @@ with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s i
 difference in the speed of the car, a leaky integral. (m v/C) e is the difference in the
 slip speed of the wheels, which the force m e needs. So y is a difference in wheel speeds.
 A direct comparison would be biased: wheel speeds are inputs, so the simulated
-acceleration contains the derivative of their noise. Too soft tyres and late wheels
-average this noise, and would fit accel_x better than the true car does. C is that of the
-prior. It is not searched, because it defines the comparison.
+acceleration contains the derivative of their noise. A car with too soft tyres and too
+large wheel latencies averages this noise, and would fit accel_x better than the true car
+does. C is the prior mean and not an unknown, because it defines the comparison.
 
 The wheels have a mean latency of 0 in the simulation: only the difference between the
 latencies of wheels and of accel_x is estimated. Their common latency behind the gyro
 keeps its prior, and accel_y and yaw_rate do not influence it (a cut: Liu, Bayarri &
 Berger 2009, Plummer 2015). The reason: the speed hardly changes within a latency, but
-braking changes the lateral forces. A small error of the model in this effect would appear
-as a latency. yaw_rate, the most accurate channel, would then give 0.1 s.
+braking changes the lateral forces. A small error of the model in this effect would be
+explained by a latency. With yaw_rate, the most accurate channel, it would be 0.1 s.
 """
 
 from __future__ import annotations
@@ -68,25 +68,25 @@ from tse.identify.unknowns import (
 from tse.library.core import NOMINAL, Config
 from tse.log.noise import compute_moving_average
 
-# [prior sd] step of the finite differences. True: for cornering stiffness, whose effect
-# is the least linear. False: for all other unknowns
+# [prior sd] step of the finite differences. Key True: for cornering stiffness, whose
+# effect is the least linear. Key False: for all other unknowns
 SLOPE_STEPS = {True: 0.0005, False: 0.005}
 ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
 # [s] time constant of the leaky integral of accel_x. With a longer one the grade of the
 # road would act on the result, with a shorter one the noise of the channel
 SPEED_TIME = 1.0
-SPEED_BLOCKS = 10  # blocks in one value of accel_x; 1 s then has 2 or 3 independent values
+SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
 MIN_SLIP_SPEED = 5.0  # [m/s] below, slip is not observable
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
-MIN_BLOCK_FILL = 0.5  # values of a block over the median number; a block with fewer is not used
-# Least model error of accel_y and yaw_rate, over the rms of the signal. It is 1.1 .. 4 %
-# for the cars of tests/cars, and 2.7 .. 5 % for real cars. accel_x has no such limit,
-# because it would hide the grade of the road
+MIN_BLOCK_FILL = 0.5  # a block with fewer values than this share of the median number is not used
+# Lower limit of the model error of accel_y and yaw_rate, relative to the rms of the
+# signal. The error is 1.1 .. 4 % for the cars of tests/cars, and 2.7 .. 5 % for real
+# cars. accel_x has no such limit, because the limit would hide the grade of the road
 MIN_MODEL_ERROR = 0.01
 # share of the error of a measured velocity that is slow, not white, as in the filter
 # (constants.toml)
 LASTING_ERROR_SHARE = 0.5
-BOUND_SD = 6.0  # [prior sd] bounds of leans and biases
+BOUND_SD = 6.0  # [prior sd] distance of the bounds of leans and biases from the prior mean
 LEAN = "bank_superelevation"
 WHEEL_CHANNELS = ("wheel_speed_front", "wheel_speed_rear")
 MOTION_OUTPUTS = ("vel_x", "vel_y", "true_yaw_rate")  # simulated, to compute measured velocities
@@ -107,19 +107,20 @@ class CarProblem:
         Number of threads that simulate.
     road
         Knots of bank and grade. None: each log has its own road. False: roads are level.
-        If a log has a measured road, bank and grade are not unknown.
+        If any log contains measured bank or grade, no log has knots.
     lean
-        True: the lean of the roads is an unknown of each log. False: it is that of the
-        vehicle file. If a log has a measured road, the lean is 0.
+        True: the lean of the roads is an unknown of each log. False: it is the value in
+        the vehicle file. If any log contains measured bank or grade, the lean is 0.
 
     Attributes
     ----------
     names, mean, sd, covariance, information, low, high
-        Names, prior and bounds of x. Cornering stiffness (COMPLIANCE) is searched as its
-        inverse, relative to the vehicle file.
+        Names, prior and bounds of x. For a cornering stiffness (COMPLIANCE), x contains
+        its inverse, relative to the vehicle file.
     groups, time
-        For each vector of residuals, its group: index of the log, and channel; and the
-        times [s] of its values.
+        A group is a log and a channel, and has one vector of residuals. `groups` has the
+        index of the log and the name of the channel of each group, `time` the times [s]
+        of its values.
     """
 
     def __init__(
@@ -214,7 +215,7 @@ class CarProblem:
         )
 
     def _locate_values(self, g: int) -> np.ndarray:
-        """Return the place [m] on its road of each value in a group; NaN: off it."""
+        """Return the place [m] along the road of each value of a group; NaN: off road."""
         if self.road is False:
             return np.zeros(0)
         i = self.groups[g][0]
@@ -232,7 +233,7 @@ class CarProblem:
         sd = float(np.sqrt(np.mean(block**2)))
         if channel != "accel_x":
             return sd
-        # response of a value (mean over SPEED_BLOCKS) to noise in a single block
+        # response of the values (means over SPEED_BLOCKS) to an error of 1 in one block
         one = np.zeros(SPEED_BLOCKS + round(5 * SPEED_TIME / BLOCK_TIME))
         one[0] = 1.0
         slip = self.compute_slip_time() * float(np.mean(self.average_speed(g))) * one
@@ -242,8 +243,9 @@ class CarProblem:
     def compute_lasting_error(self, channel: str) -> float:
         """Return the lower limit of the rms of errors that are not white.
 
-        For a velocity it is the slow error of its sensor, for accel_y and yaw_rate the
-        least model error. Biases are not included, because they are unknowns.
+        For a velocity it is the slow error of its sensor, for accel_y and yaw_rate
+        MIN_MODEL_ERROR times the rms of the signal, for accel_x 0. Biases are not
+        included, because they are unknowns.
         """
         if channel == "accel_x":
             return 0.0
@@ -258,7 +260,8 @@ class CarProblem:
     def make_settings(self, x: np.ndarray) -> tuple[Config, dict[str, float], dict[str, float]]:
         """Return settings, latencies and relative stiffness of the car that x describes.
 
-        Latencies [s] are by channel. Stiffness is by name, over that of the vehicle file.
+        Latencies [s] have channels as keys. Stiffnesses have names as keys, and are
+        relative to the vehicle file.
         """
         at = dict(zip(self.prior.names, map(float, self.to_ln(x)[: self.car]), strict=True))
         values = self.nominal | {k: v for k, v in at.items() if k in self.nominal}
@@ -305,14 +308,20 @@ class CarProblem:
         return found
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return measured minus predicted values of groups; accel_x as wheel speed."""
+        """Return measured minus predicted values, an array for each group.
+
+        The difference of accel_x is converted to a wheel speed.
+        """
         found = []
         for g, (y, p, used) in enumerate(zip(self._measured, self.predict(x, z), self._used, strict=True)):
             found.append(self._average_groups(g, np.where(used, y - p, 0.0)))
         return found
 
     def compute_sensed_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return measured minus predicted values in sensor units, one per used block."""
+        """Return measured minus predicted values in the unit of the sensor.
+
+        There is an array for each group, with one value per used block.
+        """
         return [(y - p)[u] for y, p, u in zip(self._measured, self.predict(x, z), self._used, strict=True)]
 
     def get_measured(self, g: int) -> np.ndarray:
@@ -320,17 +329,17 @@ class CarProblem:
         return self._measured[g][self._used[g]]
 
     def _compute_signal(self, g: int) -> np.ndarray:
-        """Return measured values of a group minus their mean, as they are compared."""
+        """Return the measured values minus their mean, converted as differences are."""
         used = self._used[g]
         about = self._measured[g] - self._measured[g][used].mean()
         return self._average_groups(g, np.where(used, about, 0.0))
 
     def _average_groups(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Convert a difference of all blocks to compared values (means over blocks)."""
+        """Convert a difference, one value per block, to compared values (block means)."""
         return self.transform_difference(g, difference)[self._together[g]].mean(axis=1)
 
     def transform_difference(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Convert a difference of all blocks of a group to the quantity that is compared.
+        """Convert a difference, one value per block of a group, to the compared quantity.
 
         For accel_x it is a wheel speed: s + (m v/C) difference, with
         ds/dt = difference - s/SPEED_TIME, which begins at 0 in each stretch. For other
@@ -349,9 +358,9 @@ class CarProblem:
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
     def compute_slip_time(self) -> float:
-        """Return m/C: slip of the wheels per acceleration, by the stiffness of the prior.
+        """Return m/C [s2/m]: slip of the wheels per acceleration of the car.
 
-        The unit is (m/s of wheel speed)/(m/s of speed)/(m/s2).
+        m is the mass, and C the sum of the longitudinal stiffnesses, by the prior mean.
         """
         at = dict(zip(self.prior.names, self.prior.mean, strict=True))
         front = float(np.exp(at.get("cx_front", 0.0)))
@@ -364,7 +373,7 @@ class CarProblem:
         return np.maximum(self._speed[g][self._together[g]].mean(axis=1), MIN_SLIP_SPEED)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return the yaw rate [rad/s] of each value at 1 m/s2 of lateral acceleration."""
+        """Return, for each value, the yaw rate [rad/s] of a curve with 1 m/s2."""
         return 1.0 / self.average_speed(g)
 
     # ---- partial derivatives
@@ -373,7 +382,7 @@ class CarProblem:
         """Return d(residuals)/dx by finite differences, one matrix for each group.
 
         The lean of a log acts on this log alone, so one simulation gives the derivatives
-        with respect to all leans. Those with respect to biases need no simulation.
+        with respect to all leans. Derivatives with respect to biases need no simulation.
         """
         runs = [[k] for k in range(self.car)] + [list(range(self.car, self.car + self.leans))]
         tables = [np.zeros((len(r), len(x))) for r in base]
@@ -437,7 +446,7 @@ class CarProblem:
         return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)
 
     def measure_lasting(self, residuals: list[np.ndarray]) -> dict[str, Lasting]:
-        """Return power and walk of the residuals of accel_x, accel_y and yaw_rate."""
+        """Return power and walk (lasting.py) of the residuals, by channel of MEASURED."""
         pieces = {
             c: [self.make_piece(g, residuals[g]) for g, (_, own) in enumerate(self.groups) if own == c]
             for c in self.channels
@@ -447,7 +456,10 @@ class CarProblem:
 
 
 def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
-    """Return the settings of the car that x describes, with its stiffness as settings."""
+    """Return the settings of the car that x describes.
+
+    The settings of its stiffnesses are those of the vehicle file, changed as x states.
+    """
     config, _, stiffness = problem.make_settings(x)
     for key, setting in NOMINAL.items():
         setattr(config, setting, getattr(config, setting) * stiffness[key])
@@ -457,7 +469,7 @@ def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
 
 
 def list_latencies(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the latency [s] of each channel behind yaw_rate, from settings by name."""
+    """Return the latency [s] of each channel relative to yaw_rate. `values`: settings."""
     return {c: values.get(c + LATENCY_SUFFIX, 0.0) for c in LATE_CHANNELS}
 
 

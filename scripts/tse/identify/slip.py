@@ -1,11 +1,11 @@
 """Estimate longitudinal stiffness, wheel radii and wheel latencies on straight rows.
 
-The search takes wheel speeds as exact inputs, so its longitudinal stiffness absorbs
-their noise, and errors of their latency and of the wheel radii. Straight rows are better
-suited: the free axle measures the speed, the difference to the driven axle is the slip,
-and accel_x is proportional to the force that causes the slip. Rows without drive force
-determine the ratio of the wheel radii, rows with drive force the stiffness. One
-regression uses all of these rows.
+The search of fit.py treats wheel speeds as exact inputs. Their noise, errors of their
+latency and errors of the wheel radii therefore falsify its longitudinal stiffness. A
+regression on rows of straight driving is better suited: the free axle measures the speed,
+the relative difference of the driven axle from it is the slip, and accel_x is
+proportional to the force that causes the slip. Rows without drive force determine the
+ratio of the wheel radii, rows with drive force the stiffness.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ WHEEL_LATENCY_SD = 0.006
 # ratio of the radii of both axles, relative to the vehicle file: wear and tyre pressure;
 # it also absorbs the bias of accel_x
 RADIUS_RATIO_SD = 0.01
-LAG_SD = 0.1  # [s] latency of accel_x behind the wheels, minus the relaxation of the tyres
-DRAG_SD = 0.1  # [kg/m] air drag, minus that of the fit
+LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation time of the tyres
+DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit
 INVERSE_STIFFNESS_SD = 1e3  # inverse stiffness, relative to the vehicle file: practically no prior
 BEND_SD = 0.25  # relative error of the nonlinear part of the slip and of the change of the radii
 PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)  # common to all logs
 
-# sd of ln(stiffness) by model errors, for logs of any length: pitch, rolling radius under
-# load, tyre curve. For ten cars of tests/cars the rms is 0.034 with all roads together,
-# and 0.042 with single roads
+# sd of ln(stiffness) caused by model errors (pitch, rolling radius under load, tyre
+# curve), which longer logs do not reduce. The rms of these errors for ten cars of
+# tests/cars is 0.034 if all roads are used together, and 0.042 if each is used alone
 SLIP_MODEL_SD = 0.05
 # share of the noise of accel_x in the mean square of the first regressor; above it, the
 # logs do not determine the stiffness
@@ -54,7 +54,7 @@ MIN_MISMATCH = 0.01  # relative error of the ratio of the radii; a smaller one i
 MIN_REGRESSION_SPEED = 4.0  # [m/s]
 MAX_STRAIGHT_STEER = 0.03  # [rad]
 MAX_STRAIGHT_ACCEL = 1.0  # [m/s2] lateral acceleration
-MAX_GRIP_SHARE = 0.5  # force of the driven axle over its grip
+MAX_GRIP_SHARE = 0.5  # ratio of the force of the driven axle to its grip, the largest possible force
 # [m/s2] accel_x below which the brakes may be on, if the log has no brake switch. Limits
 # of -0.1 and -0.3 would admit rows with brakes, which make the stiffness of a steady
 # drive 14 % and 65 % too large
@@ -66,8 +66,8 @@ SAMPLE_PERIOD = 0.1  # [s] time between rows that are used
 REGRESSION_BLOCK = 10.0  # [s] residuals of different blocks are taken as independent
 MIN_REGRESSION_BLOCKS = 6
 TYRE_COMPRESSION = 0.005  # share by which the static load reduces the rolling radius (src/model/car.c)
-# mass of two wheels, reduced to their radius, over that of the car, for 2.4 kg m2, 0.33 m
-# and 1600 kg
+# Rotational inertia of the two wheels of an axle as a mass (inertia/radius^2), relative
+# to the mass of the car: for 2.4 kg m2, 0.33 m and 1600 kg
 WHEEL_MASS_SHARE = 0.014
 
 
@@ -101,20 +101,23 @@ def apply_slip_regression(
                               - later a/v + lag d slip(F)/dt + drag v^2/C + radius,
     with the unknowns k, bend, later, lag, drag and radius.
 
-    k is the stiffness C over that of the vehicle file. The force F follows from accel_x,
-    drag, rolling resistance and the inertia of the wheels. slip(F) follows the tyre curve
-    and the longitudinal load transfer of src/model/car.c, and F/C is the slip of a linear
-    tyre at static load. radii(a) is the change of the rolling radii by the load transfer
-    at the acceleration a. bend, with prior sd BEND_SD, is the relative error of both
-    effects. later is the latency of the driven wheels behind the free ones, and lag that
-    of accel_x behind the wheels. radius is the relative error of the ratio of the radii.
-    It includes the bias of accel_x, so each log has its own.
+    C is the stiffness in the vehicle file, and k the ratio of the true stiffness to C.
+    The force F follows from accel_x, drag, rolling resistance and the inertia of the
+    wheels. slip(F) follows from the tyre curve and the longitudinal load transfer of
+    src/model/car.c, and F/C is the slip of a linear tyre at static load. radii(a) is the
+    change of the rolling radii by the load transfer at the acceleration a. bend, with
+    prior sd BEND_SD, is the relative error of both effects. later is the latency of the
+    driven wheels behind the free ones, and lag that of accel_x behind the wheels. drag is
+    the error of the coefficient of the air drag. radius is the relative error of the
+    ratio of the radii. It includes the effect of the bias of accel_x, which differs from
+    log to log, so each log has a radius of its own.
 
     Method: weighted least squares with Huber weights and priors. Noise of accel_x biases
     the first regressor, so its variance is subtracted (errors in variables, Fuller 1987).
-    Residuals are correlated, so the weights contain the effective number of samples in
-    blocks of 10 s. Each sd is the larger one of the inverse information matrix and of the
-    sandwich estimator over blocks (White 1982). SLIP_MODEL_SD is added to that of ln k.
+    Residuals are correlated within blocks of 10 s, so the weights are reduced to the
+    effective number of independent samples. Two sds of each unknown are computed, by the
+    inverse information matrix and by the sandwich estimator over blocks (White 1982), and
+    the larger one is used. SLIP_MODEL_SD is added (as a variance) to the sd of ln k.
     """
     names = list(problem.names)
     k = names.index(LONGITUDINAL_KEY)
@@ -137,7 +140,7 @@ def apply_slip_regression(
 def estimate_longitudinal(
     config: Config, values: Mapping[Any, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> tuple[float, float]:
-    """Return ln(longitudinal stiffness over that of the vehicle file), and its sd.
+    """Return ln(longitudinal stiffness / its value in the vehicle file), and the sd.
 
     Parameters
     ----------
@@ -158,10 +161,11 @@ def estimate_longitudinal(
 
 
 def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
-    """Return the findings of the regression as lines of text.
+    """Return the findings of the regression, one string each.
 
-    They are: the logs do not determine the stiffness; a latency between the wheel speeds
-    of both axles; an error of the ratio of the wheel radii of at least MIN_MISMATCH.
+    Possible findings: the logs do not determine the stiffness; the wheel speeds of both
+    axles differ in latency; the ratio of the wheel radii is wrong by at least
+    MIN_MISMATCH.
     """
     names, found = list(problem.names), []
     k = names.index(LONGITUDINAL_KEY)
@@ -173,25 +177,28 @@ def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
     if (late := _compute_wheel_delay(problem, fit)) != 0.0:
         which = "front" if late > 0 else "rear"
         found.append(
-            f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms later than the other; each latency "
-            "is corrected by half of it"
+            f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms later than the other; the latency "
+            "of each is corrected by half of this difference"
         )
     front, rear = (fit.x[names.index(name)] / getattr(problem.config, name) for name in RADIUS_SETTINGS)
     off = rear / front - 1.0
     if abs(off) >= MIN_MISMATCH:
         size = "smaller" if off < 0 else "larger"
         found.append(
-            f"wheel radii: relative to the front one, the rear one is {100 * abs(off):.1f} % {size} than in "
-            "the vehicle file"
+            f"wheel radii: the ratio rear / front is {100 * abs(off):.1f} % {size} than in the vehicle file; "
+            "both radii are corrected"
         )
     return found
 
 
 def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]:
-    """Return comments of the vehicle file on wheel latencies that were changed."""
+    """Return comments for the vehicle file, by name of the latency.
+
+    There are none if the regression has not changed the wheel latencies.
+    """
     if _compute_wheel_delay(problem, fit) == 0.0:
         return {}
-    text = ", difference between the axles by these logs, mean of both as before"
+    text = ", difference between the axles estimated from these logs, mean of both axles unchanged"
     return dict.fromkeys((name + LATENCY_SUFFIX for name in WHEEL_CHANNELS), text)
 
 
@@ -202,7 +209,10 @@ def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
 
 
 def _apply_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
-    """Return both radii [m] with this mismatch of rear over front, and the same mean."""
+    """Return both radii [m], corrected to this mismatch of their ratio.
+
+    `mismatch` is that of _SlipFinding. The product of both radii does not change.
+    """
     front, rear = radii / np.array([getattr(config, name) for name in RADIUS_SETTINGS])
     half = 0.5 * (np.log1p(mismatch) - np.log(rear / front))
     return radii * np.exp([-half, half])
@@ -220,19 +230,21 @@ def _combine_with_prior(found: _SlipFinding | None, mean: float, var: float) -> 
 class _SlipFinding:
     """Result of the regression."""
 
-    stiffness: float  # ln(stiffness over that of the vehicle file)
+    stiffness: float  # ln(stiffness / its value in the vehicle file)
     stiffness_sd: float
     later: float  # [s] latency of the front wheel speed behind the rear one
     later_sd: float  # [s]
-    mismatch: float  # ratio of rear to front radius over that of the vehicle file, minus 1
+    mismatch: float  # ratio of rear to front radius, divided by its value in the vehicle file, minus 1
 
 
 def _run_regression(
     config: Config, at: Mapping[str, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> _SlipFinding | None:
-    """Return the result of the regression over all logs; None if it is not significant.
+    """Return the result of the regression on all logs; None if there is none.
 
-    `at`: unknowns of the car, by name.
+    There is none if the stiffness of a driven rear axle is not tied to that of the front
+    axle, if too few rows are usable, or if the slip is not significant. `at` has the
+    unknowns of the car, by name.
     """
     if vehicle.driven_axle != "front" and config.rear_longitudinal_follows_front != 1.0:
         return None
@@ -246,14 +258,17 @@ def _run_regression(
     sign = 1.0 if car.driven == "front" else -1.0
     weights = [len(p.slip) for p in parts]
     slip = float(np.average(b[len(PRIOR_SD) :], weights=weights))
-    # a driven axle that turns faster than predicted has a smaller radius than in the file
+    # if the driven axle turns faster than predicted, its radius is below that in the file
     mismatch = (1.0 + slip) ** sign - 1.0
     stiffness = float(np.log1p(slip) - np.log(b[0]))
     return _SlipFinding(stiffness, float(b_sd[0] / b[0]), -sign * float(b[1]), float(b_sd[1]), mismatch)
 
 
 def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unknowns and sds of the regression: common ones, then one for each log."""
+    """Return the unknowns of the regression and their sds.
+
+    First come the five unknowns common to all logs, then the radius of each log.
+    """
     count, prior = len(parts), np.diag(prior_sd**-2.0)
     x = np.vstack([np.column_stack([p.x, np.eye(count)[[n] * len(p.slip)]]) for n, p in enumerate(parts)])
     y, weight, noise = (
@@ -331,7 +346,7 @@ class _Car:
         bend
             Slip minus that of a linear tyre at static load.
         share
-            Size of the force over the grip of the axle.
+            Ratio of the absolute value of the force to the grip of the axle.
         """
         load = np.maximum(
             self.load[axle] + (self.height if axle else -self.height) * push, 0.1 * self.load[axle]
@@ -347,19 +362,19 @@ class _Samples:
     """Samples of a log that are used in the regression."""
 
     # (samples, 5) regressors: slip(F) with the stiffness of the vehicle file, a/v,
-    # d slip(F)/dt, slip by 1 kg/m of drag, nonlinear part of slip(F) plus radii(a)
+    # d slip(F)/dt, slip caused by 1 kg/m of drag, nonlinear part of slip(F) plus radii(a)
     x: np.ndarray
-    noise: np.ndarray  # variance of the first regressor by noise of accel_x
-    slip: np.ndarray  # measured slip of the driven axle over the free one, minus radii(a)
-    weight: np.ndarray
+    noise: np.ndarray  # variance of the first regressor caused by noise of accel_x
+    slip: np.ndarray  # measured slip of the driven axle relative to the free one, minus radii(a)
+    weight: np.ndarray  # speed, at most 15 m/s: the noise of the slip is inversely proportional to it
     block: np.ndarray  # number of the block of REGRESSION_BLOCK seconds
 
 
 def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
     """Return samples of straight rows without braking; None if there are none.
 
-    If both axles are driven, a log without wheel torques and brake switch has none, and
-    the front axle counts as the driven one.
+    If both axles are driven, the front axle is treated as the driven and the rear axle as
+    the free one, and a log has no samples if it lacks a wheel torque or the brake switch.
     """
     brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUE_COLUMNS]
     if car.driven == "both" and (brake is None or any(t is None for t in torque)):
@@ -381,7 +396,7 @@ def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
     slip = smooth(rear_ahead - front if first else front - rear_ahead) / np.maximum(v, 0.1)
     pull, gains = smooth(pull) / car.scale, smooth(np.gradient(v, log.time))
     push = pull + GRAVITY * car.rolling + car.drag * v**2 / car.mass
-    turns = WHEEL_MASS_SHARE * gains  # force that the rotational inertia of an axle's wheels needs
+    turns = WHEEL_MASS_SHARE * gains  # [m/s2] force per mass that spins up the wheels of an axle
     if car.driven == "both":
         pulls = [t.to_numpy(float) / (r * car.mass) for t, r in zip(torque, car.radius, strict=True)]
         apart = smooth(pulls[0] - pulls[1])

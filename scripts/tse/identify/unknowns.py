@@ -18,32 +18,35 @@ from tse.library.core import STIFFNESS, Config
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # optional channels, compared if a log has them
 CHANNEL_UNIT = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"} | dict.fromkeys(VELOCITY, "m/s")
-CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # cornering stiffness: its axle
+CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # name of a cornering stiffness -> axle
 LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")
-LATENCY_SUFFIX = "_latency"  # of the unknown that is the latency of a channel behind the gyro
-LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknown: its channel
+# The unknown CHANNEL_latency is the latency of a channel relative to the gyro
+LATENCY_SUFFIX = "_latency"
+LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # name of the unknown -> channel
 MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
-# sd of an error that all unknowns with the same `message` have in common: latency [s] of
-# the channels in one message of the bus, relative error of the wheel radii. The sd of the
-# individual error of each unknown is smaller, because wheel speeds come from one control
-# unit, accelerations from one chip, and tyres are of one kind. A latency between both
-# axles has hardly any effect in a log, and with a large sd it would absorb model errors
+# Unknown.message -> sd of the error that all unknowns with this `message` have in common:
+# latency [s] of the channels in one message of the bus, relative error of the wheel
+# radii. The sd of the individual error of each unknown is smaller, because wheel speeds
+# come from one control unit, accelerations from one chip, and tyres are of one kind. A
+# latency between the wheel speeds of both axles has hardly any effect in a log, and with
+# a large sd it would absorb model errors
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
-LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness over that of the vehicle file)
-MAX_LN_STIFFNESS = 1.8  # bound of the size of ln(stiffness over that of the vehicle file)
-MAX_SHOWN_RATIO = 0.7  # posterior sd over prior sd; below it, the logs determine the unknown
+LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness / its value in the vehicle file)
+MAX_LN_STIFFNESS = 1.8  # bound of |ln(stiffness / its value in the vehicle file)|
+MAX_SHOWN_RATIO = 0.7  # ratio of posterior to prior sd; below it, the logs determine the unknown
 SIGNIFICANT_SD = 3.0  # [posterior sd] distance from 0 above which an unknown is significant
 # Cornering stiffness is searched as its inverse. The motion is nearly linear in the
 # compliance of the axles, whereas steps in the stiffness would overshoot the minimum
 COMPLIANCE = ("cy_front", "cy_rear")
-# Lean of a road: share of the lateral acceleration in curves that its bank compensates;
-# prior mean and sd of each log. Roads are built like this. Without the lean, a fit would
-# explain the bank by a scale error of accel_y or by different tyres
+# Prior mean and sd of the lean of the roads of a log. The lean is the share of the
+# lateral acceleration in curves that the bank of the road compensates; roads are built
+# with such a bank. Without the lean, a fit would explain the bank by a scale error of
+# accel_y or by different tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # [m/s2, rad/s] prior sd in each log
-# Lower limits of posterior sds. The covariance does not account for differences between
-# roads in their lean and between axles in their relaxation, for elastic steering, and for
-# a zero of the steering rack that changes from day to day
+# Setting of table [uncertainty] -> lower limit of the posterior sd that a calibration
+# writes there. The covariance does not account for these causes of error: roads differ in
+# lean, axles differ in relaxation, the steering is elastic, its zero changes every day
 MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
@@ -57,19 +60,21 @@ MIN_SD = {
 class Unknown:
     """An unknown of the car, with its prior and bounds."""
 
-    name: str  # of the setting
+    name: str  # name of the setting
     group: str  # heading in reports
-    mean: float  # of the prior
-    sd: float  # of the prior
+    mean: float  # prior mean
+    sd: float  # prior sd
     low: float  # lower bound
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
-    message: str = ""  # unknowns with the same message have a common error, sd COMMON_SD[message]
-    worth: float = 0.0  # least size that is reported; 0: the unknown is the shape of an effect
+    message: str = ""  # unknowns with the same message have a common error with sd COMMON_SD[message]
+    # least size that matters to the user; 0: no such size, because the unknown describes
+    # the shape of an effect
+    worth: float = 0.0
 
 
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
-    """Return the latency of a channel as an unknown. `own`: its individual sd [s]."""
+    """Return the latency of a channel as an unknown with the individual sd `own` [s]."""
     return Unknown(
         name + LATENCY_SUFFIX,
         "latency",
@@ -150,16 +155,18 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
 )
 # fmt: on
-# Unknowns of a velocity sensor, if a log has one; settings (sensors.toml) replace the sds
+# Unknowns of a velocity sensor, if a log has one. The settings in VELOCITY_SD replace the
+# prior sds given here
 OF_VELOCITY: tuple[Unknown, ...] = (
     Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_FITTED_LATENCY, MAX_FITTED_LATENCY, worth=0.002),
     Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),
 )
-# unknown: setting with its sd
+# name of an unknown of a velocity sensor -> setting with its prior sd
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
-# setting of [uncertainty]: unknown whose sd it is, in the prior and in the result
+# setting of table [uncertainty] -> unknown whose sd it is, both in the prior and in the
+# vehicle file that a calibration writes
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -170,7 +177,7 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# unknown: unknown that scales accel_y in the same way, and its factor
+# unknown -> a second unknown that also scales accel_y, and the factor of the second one
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads, an unknown of each log: see name_in_log()
 
@@ -226,7 +233,7 @@ def make_prior(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prio
     vehicle, config
         The vehicle file, and its settings.
     velocity
-        True: a log has a measured velocity, so OF_VELOCITY is unknown, too.
+        True: a log has a measured velocity, so the prior contains OF_VELOCITY, too.
     """
     known = UNKNOWNS + (OF_VELOCITY if velocity else ())
     names = tuple(u.name for u in known) + STIFFNESS

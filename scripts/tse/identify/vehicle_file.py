@@ -21,8 +21,10 @@ from tse.car.vehicle import (
 from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-PRIOR_PIECES = 2.0  # weight of the prior of model_sd, as a number of pieces of 10 s
-MIN_LATERAL_ACTIVITY = 0.5  # [m/s2] floor of the signal in measure_share(); MIN_ACTIVITY of the filter
+PRIOR_PIECES = 2.0  # weight of the prior value of model_sd: that of 20 s of curves, 2 PIECE_TIME
+# [m/s2] lateral acceleration that makes the `floor` of measure_share(); as MIN_ACTIVITY
+# of the filter
+MIN_LATERAL_ACTIVITY = 0.5
 
 
 class Residuals(Protocol):
@@ -36,11 +38,13 @@ class Residuals(Protocol):
 
 
 def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
-    """Return model_sd of the filter, from its prior value and the residuals.
+    """Return the setting model_sd, the relative sd of the model error, from residuals.
 
-    It is the root of the mean square of both, weighted by numbers of pieces. Half a
-    minute straight ahead has nearly no weight, because it contains no model error of
-    curves. Half an hour of curves outweighs the prior.
+    It is the root of the weighted mean of two squares: that of the prior value `before`,
+    with weight PRIOR_PIECES, and that of the result of measure_unexplained(), whose
+    weight is the number of pieces. Half a minute straight ahead has nearly no weight,
+    because it contains no model error of curves. Half an hour of curves outweighs
+    `before`, the prior value.
     """
     left, count = measure_unexplained(problem, residuals)
     found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
@@ -48,10 +52,10 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 
 
 def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the model error of yaw_rate over its signal, and the number of pieces.
+    """Return the ratio of model error to signal of yaw_rate, and the number of pieces.
 
-    Both are the results of measure_share(). yaw_rate is chosen because bank and grade do
-    not act on a gyro. Without a gyro both are 0.
+    They are the two results of measure_share(). yaw_rate is chosen because bank and grade
+    do not act on a gyro. Without a gyro, both results are 0.
     """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
@@ -81,12 +85,15 @@ def format_vehicle(
         The user's vehicle, with its facts and formula.
     values
         All settings, by name.
-    uncertainty, calibration
-        Content of the tables [uncertainty], by key, and [calibration], as lines.
+    uncertainty
+        Values of table [uncertainty], by key.
+    calibration
+        Lines of table [calibration].
     bands
-        By setting: comment at the end of its line.
+        By name of a setting: comment at the end of the line of this setting.
     notes
-        By effect, also if it is off: comments below its heading.
+        By id of an effect: comments below the heading of this effect. They are written
+        even if the effect is off.
     formula
         Path of the file with the formula; None: without formula.
     """
@@ -119,6 +126,6 @@ def format_vehicle(
                 lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{bands.get(p.setting, '')}")
         elif said:
             lines += ["", f"# {effect.title}", *said]
-    start = "# Prior of the next calibration: names, means and covariance; stiffness in ln over this file's."
+    start = "# Prior of the next calibration; a stiffness is given as ln(stiffness / its value in this file)."
     lines += ["", start]
     return "\n".join([*lines, *calibration]) + "\n"
