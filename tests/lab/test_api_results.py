@@ -155,7 +155,7 @@ def test_a_replay_is_the_car_without_noise(folder, tmp_path):
         rms = (table["accel_y"] - table["accel_y_simulated"]).std() / table["accel_y"].std()
         assert rms < off if off else rms > 0.1
     page = show_result(result, tmp_path / "replay.html")
-    assert "measured less simulated" in page
+    assert "measured minus simulated" in page
     late = log.assign(accel_y=log["accel_y"].shift(5, fill_value=0.0))
     apart = [tse.replay(x, CAR, settings=s).apart()["accel_y"].rms
              for x, s in ((log, None), (late, {"accel_y_latency": 0.05}), (late, None))]  # fmt: skip

@@ -1,11 +1,11 @@
-"""Repair the times of logs: duplicates, late entries, jumps. Each repair gives a note."""
+"""Repair the times of logs: duplicates, late entries, jumps. Report repairs in notes."""
 
 import numpy as np
 
 DAY = 86400.0  # [s]
 # If times fall by at most MAX_LATE_TIME and exceed their old maximum again within half of
-# MAX_LATE_ROWS entries, the entries between were delayed in a buffer. Otherwise the clock
-# was set back.
+# MAX_LATE_ROWS entries, the entries in between are late: they were delayed in a buffer.
+# Otherwise the clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
 MAX_TIME_GAP = 3600.0  # [s] limit of the library; at a longer jump, the clock was set ahead
@@ -108,7 +108,7 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
     t : ndarray, (entries,)
         Finite times, s.
     usual : float
-        Median step, s; step across each fall afterwards.
+        Median step, s. It becomes the step across each fall.
 
     Returns
     -------

@@ -12,9 +12,10 @@ The sd of the noise of a channel, while the car moves, is the largest of these v
     of the number of rows in 0.2 s: white noise with this sd would give the same averages.
 (d) A floor, except for wheel speeds.
 
-A slow sensor repeats a sample, or is interpolated linearly, over several rows. Their
-number is the hold k. k repeated samples carry the information of one sample, so (a) and
-(b) are multiplied by sqrt(k). For wheel speeds, (a) and (b) of the noisier axle count.
+A slow sensor repeats each sample, or is interpolated linearly, over several rows. The
+number of these rows is the hold k. Together they carry the information of one sample, so
+(a) and (b) are multiplied by sqrt(k). For wheel speeds, (a) and (b) of the noisier axle
+are used for both.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
 drifting mounting cause. Its initial sd is the size of this slow part. The sd of its
@@ -36,18 +37,18 @@ NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/
 MAX_HOLD = 10  # rows; a longer hold is not detected
 MIN_NOISE_ROWS = 50  # rows that an estimate needs
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
-WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; interval of the average that is its slow part
+WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; its slow part is an average over this time
 SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
-NORMAL_QUIET = 0.3853  # this quantile of the absolute value of a standard normal variable
-MIN_MOVING_SPEED = 3.0  # [m/s] the car moves at a higher speed
+NORMAL_QUIET = 0.3853  # QUIET_QUANTILE of the absolute value of a standard normal variable
+MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 
 
 @dataclass(frozen=True)
 class Misfit:
     """Difference between an accelerometer and the kinematics."""
 
-    sd: float  # [m/s2] sd of one row of white noise that leaves the same averages
+    sd: float  # [m/s2] sd in one row of the white noise that would give the same averages
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
 
@@ -57,7 +58,7 @@ class Noise:
     """Noise of a channel, in the unit of the channel."""
 
     sd: float  # sd of one row
-    hold: int  # number of rows that repeat one sample
+    hold: int  # number of rows with the same sample; 1: each row has a new one
     step: float  # quantisation step; 0: the channel is not quantised
     text: str  # how the sd was found
     unraised: float = 0.0  # sd before the floor was applied
@@ -92,8 +93,8 @@ def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | No
     """Return the noise of a channel of a log; None if the log is too short.
 
     If a channel was interpolated, its noise is estimated from the original entries. The
-    sd of a row is larger by the square root of the number of rows per entry, so that all
-    rows of an entry carry its information."""
+    sd of a row is the sd of an entry times the square root of the number of rows per
+    entry, so that these rows together carry the information of one entry."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
@@ -113,17 +114,17 @@ def _measure_scale(x: np.ndarray) -> float:
 
 
 def _find_hold(x: np.ndarray, scale: float) -> int:
-    """Return the hold: the number of rows in which x is constant or on a straight line.
+    """Return the hold: the number of rows over which x is constant or on a straight line.
 
-    A first or second difference below 0.001 `scale` counts as 0. `scale` is the size of
-    the variations of x. For a wheel speed, which varies much but slowly, it is the sd of
-    the changes from row to row."""
+    It follows from the share of first or second differences of x that are 0. Those below
+    0.001 `scale` count as 0. `scale` is the size of the variations of x. For a wheel
+    speed, which varies much but slowly, it is the sd of the changes from row to row."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the quantisation step of x; 0 if few rows share their value with others."""
+    """Return the quantisation step of x; 0 if too few rows have a frequent value."""
     values, counts = np.unique(np.round(x, 12), return_counts=True)
     common = values[counts >= max(5, 0.002 * len(x))]
     covered = counts[counts >= max(5, 0.002 * len(x))].sum() / len(x)
@@ -135,7 +136,7 @@ def _find_step(x: np.ndarray) -> float:
 def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
     """Return the misfit of accel_x and accel_y to the kinematics, by channel.
 
-    Channels are omitted that the log lacks, or if the car moves too little. The radii are
+    A channel is omitted if the log lacks it or the car moves too little. The radii are
     those of the wheels, m."""
     if not log.sample_time:
         return {}
@@ -178,7 +179,7 @@ def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
 
 
 def _compute_quiet_sd(x: np.ndarray) -> float:
-    """Return the sd of normally distributed x, from QUIET_QUANTILE of |x|."""
+    """Return the sd of a normal distribution that has the same QUIET_QUANTILE of |x|."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
@@ -188,9 +189,9 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
 
-    Repeated values are old, on average by half a hold. If new values do not come in every
-    k-th row, all rows are marked, because a quantised signal also repeats values, but
-    irregularly."""
+    Repeated values are old, on average by half a hold. If the distances between changes
+    of the value are not multiples of a common number of rows, `beat`, all rows are
+    marked: x is then a quantised signal, which also repeats values, but irregularly."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])
@@ -201,7 +202,7 @@ def find_new_values(x: np.ndarray) -> np.ndarray:
         return np.ones(len(x), bool)
     found = np.zeros(len(x), bool)
     found[changed] = True
-    # every k-th row between two changes is a new sample, too, which has the same value
+    # every `beat`-th row between two changes is a new sample, too, with an equal value
     late = gaps > beat
     for gap, start in zip(gaps[late], changed[1:-1][late], strict=True):
         found[start : start + gap : beat] = True

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # inputs of the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # columns that replace an axle
-# Optional columns of a log: unit, lowest and highest value, description, hint for a wrong
-# unit. The estimator uses the columns of input.toml. vehicle_speed only serves to check
-# the units of other columns.
+# Optional column of a log -> unit, lowest and highest value, description, hint for a
+# wrong unit. The estimator uses those columns that are in input.toml, too. vehicle_speed
+# only serves to check the units of other columns.
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -75,21 +75,22 @@ MAX_BACK = 0.5  # share of rows whose time does not increase; above it the colum
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
-# least share of the mean square of right minus left wheel speed that yaw rate explains;
-# below it, noise dominates and the track width is not determined
+# least share of the mean square of the difference of an axle's wheel speeds that the yaw
+# rate explains; below it, noise dominates and the track width is not determined
 MIN_TURN_SHARE = 0.5
-# rms of accel_y that is not proportional to speed times yaw rate, over its whole rms; if
-# it is smaller, accel_y was computed from them. In a noise-free simulation it is 0.04
+# rms of the part of accel_y that is not proportional to speed times yaw rate, relative to
+# the rms of accel_y. Below this limit, accel_y was computed as their product and not
+# measured. In a noise-free simulation the ratio is 0.04
 MAX_COMPUTED_MISFIT = 0.015
 # Criterion for zeros that stand for missing values: least number of runs of zeros; least
-# jump to zero, over the 95 % quantile of changes from row to row; least share of the runs
-# of zeros that begin and end with such a jump
+# jump to zero, relative to the 95 % quantile of changes from row to row; least share of
+# the runs of zeros that begin and end with such a jump
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
 # Criterion for a value that is a bus code for "not available": least ratio of its size to
 # that of the next largest value; least number of its rows; least number of other values
 MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
 MIN_STUCK_ROWS = 200  # least number of rows of a channel that is tested for being stuck or computed
-MAX_WITNESS_ROWS = 100000  # of a longer log, only every n-th row of the witness is used
+MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row of the witness is used
 # A measurement; its witness, a channel that changes with it; and the range of the witness
 # (from its 5 % to its 95 % quantile) above which a constant measurement is stuck
 WITNESSES = (
@@ -97,8 +98,8 @@ WITNESSES = (
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# share of missing values in a block, from which on its average is missing; and share of
-# missing rows, relative to the median block, from which on the block is dropped
+# In average(): if this share of the values of a block or more is missing, its mean is
+# NaN. If a block has no more rows than this share of the median number, it is dropped
 MAX_MISSING = 0.5
 
 
@@ -120,7 +121,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class SlowChannel:
-    """Original entries of a channel that was interpolated to the rows."""
+    """Original entries of a channel that was interpolated to the times of the rows."""
 
     time: np.ndarray  # [s]
     value: np.ndarray
@@ -130,7 +131,8 @@ class SlowChannel:
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
     """Write the finite values of `columns` to the optional channels of library rows.
 
-    Also set the bits in `given` that mark them. A course is wrapped to -pi .. pi rad."""
+    Also set the bits of these channels in rows["given"]. A course is wrapped to
+    -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -156,12 +158,12 @@ class CheckedLog:
     averaged: int = 1  # median number of rows of the file that one row averages
     extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # optional columns
     place: str = "line"  # what `line` counts, for messages: lines of the file, or resampled rows
-    # axle without wheel speeds in the file, which is given those of the other axle; then
-    # longitudinal slip is not observable. None: both axles have their own
+    # axle without wheel speeds in the file. It receives those of the other axle, and
+    # longitudinal slip is not observable. None: the file has wheel speeds of both axles
     stand_in: str | None = None
-    stands_by: float = 1.0  # factor on the speeds of this axle, from the wheel radii
+    stands_by: float = 1.0  # factor of the received speeds: ratio of the wheel radii of both axles
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels slower than the rows
-    # by axle with two wheel speeds: their difference (right - left) over the yaw rate,
+    # for axles with both wheel speeds in the file: (right - left wheel speed)/yaw rate,
     # which is track width/wheel radius. 0: noise dominates
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
@@ -175,7 +177,7 @@ class CheckedLog:
         return np.diff(self.time, prepend=self.time[0] - (self.sample_time or 0.01))
 
     def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return rows `first` to `last` - 1 in the format of the library."""
+        """Return rows `first` to `last` - 1 as an array of the library's input struct."""
         part = slice(first, last)
         rows = np.zeros(len(self.time[part]), library().dtype(INPUT))
         before = self.time[first - 1] if first else self.time[0] - (self.sample_time or 0.01)
@@ -228,10 +230,11 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
     spare : collection of str
         Channels that are not required. In addition, one of both axles may be missing.
     """
-    misspelt = {n.lower() for n in names} - {*names}  # channels that are there, but in upper case
+    misspelt = {n.lower() for n in names} - {*names}  # channels whose columns are in upper case
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # if only one wheel of an axle is there, the axle counts as required, which is refused
+    # if the log has only one wheel of an axle, the axle counts as required, and
+    # check_log() refuses the log
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
 
@@ -351,7 +354,7 @@ def _join_wheels(
 ) -> dict[str, float]:
     """Replace the two wheels of each axle by their mean.
 
-    Return the difference of both wheels over the yaw rate, by axle."""
+    Return the turn ratio of each axle, see _average_axle()."""
     per_turn = {}
     for axle, pair in sides.items():
         mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
@@ -477,7 +480,7 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
 
 
 def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
-    """Return a data frame of the columns, without a copy: 10 h take 200 MB."""
+    """Return a data frame that shares memory with the columns: 10 h take 200 MB."""
     import pandas as pd  # not at the top: estimation row by row needs numpy only
 
     return pd.DataFrame(columns, index=range(rows), copy=False)
@@ -528,17 +531,18 @@ def _average_axle(
 ) -> tuple[np.ndarray, float]:
     """Return the mean wheel speed [rad/s] of an axle, and the turn ratio.
 
-    The turn ratio is the difference of both wheels, right minus left, over the yaw rate:
-    track width/wheel radius. It is fitted to the rows with both wheels, and 0 is returned
-    if noise dominates. In rows with one wheel, its speed is corrected by half of the
-    fitted difference."""
+    The turn ratio is the ratio of the difference of both wheels, right minus left, to the
+    yaw rate. It equals track width/wheel radius. It is fitted to the rows with both
+    wheels, and 0 is returned if noise dominates. In a row with only one wheel, the mean
+    is the speed of this wheel, corrected by half of the fitted difference."""
     difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     rate = yaw_rate if both.all() else yaw_rate[both]
     turned = float(np.sum(rate**2))
     difference = difference if both.all() else difference[both]
     differed = float(np.sum(difference**2))
-    difference *= rate  # in place, to save memory, as the mean below: a column of 10 h has 30 MB
+    # in place to save memory, and so is the mean below: a column of 10 h takes 30 MB
+    difference *= rate
     per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
     del difference, rate
     mean = left + right
@@ -579,7 +583,7 @@ def _check_optional(
 
 
 def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
-    """Return a column as floats; remove jumps by 2 pi from a course, to average it.
+    """Return a column as floats. Jumps by 2 pi are removed from a course, to average it.
 
     CheckedLog.rows() wraps a course to -pi .. pi again."""
     value = column.to_numpy(float).copy()
@@ -728,7 +732,7 @@ def straighten_log_time(
 
 
 def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "line") -> None:
-    """Refuse times that are not finite, do not increase, or have too long gaps."""
+    """Raise an error if times are not finite, do not increase, or have too long gaps."""
     bad = ~np.isfinite(time)
     if bad.any():
         raise UserError(

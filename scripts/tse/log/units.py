@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     import pint
 
 
-# Unit of pint: spellings in logs that pint does not know or takes for a different unit.
-# Blanks are removed. Spellings are in lower case, except if the case matters (kN is not
-# kn, a knot). Hz is taken as turns per second of a wheel.
+# Unit of pint -> its spellings in logs that pint does not know or takes for a different
+# unit. Blanks are removed. Spellings are in lower case, except if the case matters (kN is
+# not kn, a knot). Hz is taken as turns per second of a wheel.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -80,7 +80,7 @@ def is_unknown_unit(unit: str) -> bool:
 
 
 def is_known_unit(unit: str) -> bool:
-    """Return whether a unit is known and has a dimension."""
+    """Return whether a unit is known and is not 1. It is so for deg, % and m/s."""
     found = parse_unit(unit)
     return found is not None and not found.unitless
 
@@ -122,8 +122,8 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
 def unit_kind(unit: str) -> str:
     """Return the kind of quantity that a unit measures.
 
-    It is one of angle, rate, speed, acceleration, torque, time, other, or "" if the unit
-    is 1 or not stated. An unknown unit is of kind other."""
+    It is one of angle, rate (of rotation, or a frequency), speed, acceleration, torque,
+    time, other, or "" if the unit is 1 or not stated. Unknown units are of kind other."""
     found = parse_unit(unit)
     if found is None:
         return "other"

@@ -25,18 +25,20 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 class ModelMisfit:
     """Difference of a measured and a simulated channel above MIN_COMPARE_SPEED."""
 
-    rms: float  # about the mean, i.e. without the sensor's bias; NaN: the log lacks the channel
-    over_noise: float  # rms over the sd of the white noise of the channel in this log
-    mean: float  # includes the sensor's bias
-    unit: str  # of rms and mean
+    # rms of the difference about its mean, i.e. without the bias of the sensor. NaN: the
+    # log lacks the channel
+    rms: float
+    over_noise: float  # ratio of rms to the sd of the white noise of the channel in this log
+    mean: float  # mean of the difference, with the bias of the sensor
+    unit: str  # unit of rms and mean
 
 
 def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
     """Simulate the model with the inputs of a log.
 
-    Bank and grade of the road are those of the columns bank and grade of the log, if it
-    has them, and of the settings otherwise. Inputs and simulated channels are shifted by
-    the latencies in the settings.
+    Bank and grade of the road are read from the columns bank and grade of the log. If it
+    lacks them, the settings are used. Inputs and simulated channels are shifted by the
+    latencies in the settings.
 
     Parameters
     ----------
@@ -75,11 +77,15 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
 def _derive_road(
     log: CheckedLog, config: Config, inputs: Mapping[str, Values]
 ) -> tuple[Config, dict[str, Values]]:
-    """Return settings, and bank and grade [rad] that are added to those of the settings.
+    """Return the settings and, for each row, bank and grade [rad].
 
-    Where the log states bank and grade, the sum is the value of the log. Elsewhere, the
-    sum is the value of the settings. If the log has a bank, bank_superelevation is set to
-    0, and its effect, a bank of -bank_superelevation v r/g, is part of the returned bank.
+    The model adds bank and grade to bank_angle and grade_angle of the settings. They are
+    chosen such that the sum is the logged value in rows that have one, and the value of
+    the settings in all other rows.
+
+    If the log has a column bank, the returned settings have bank_superelevation = 0. In
+    rows without a logged value, its effect, a bank of -bank_superelevation v r/g at the
+    speed v and the yaw rate r, is then part of the returned bank.
     """
     given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
@@ -96,12 +102,12 @@ def _derive_road(
 
 
 def _shift_channel(time: Values, x: Values, by: float) -> Values:
-    """Return the values of a channel at times that are later by `by`, s."""
+    """Return, for each row, the value of a channel `by` [s] later."""
     return np.asarray(np.interp(time + by, time, x)) if by else x
 
 
 def measure_misfit(table: pd.DataFrame) -> dict[str, ModelMisfit]:
-    """Return the difference of each measured channel and that of simulate_along()."""
+    """Return the misfit of each measured channel, from the table of simulate_along()."""
     fast = np.abs(table["vel_x"].to_numpy()) > MIN_COMPARE_SPEED
     found = {}
     for c in MEASURES:
@@ -114,17 +120,17 @@ def measure_misfit(table: pd.DataFrame) -> dict[str, ModelMisfit]:
 
 
 def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
-    """Return the differences in words, a line for each channel."""
+    """Return the misfits as text, one string for each channel."""
     lines = []
     for c, a in found.items():
         if np.isfinite(a.rms):
-            over = f"{a.over_noise:.1f} times its noise; " if np.isfinite(a.over_noise) else ""
+            over = f"{a.over_noise:.1f} times the sensor noise; " if np.isfinite(a.over_noise) else ""
             lines.append(
-                f"{c}: measured less simulated {a.rms:.3g} {a.unit} rms above {MIN_COMPARE_SPEED:g} m/s, "
-                f"{over}without its mean of {a.mean:.2g} {a.unit}"
+                f"{c}: measured minus simulated: rms {a.rms:.3g} {a.unit} about the mean, {over}"
+                f"mean {a.mean:.2g} {a.unit}; rows above {MIN_COMPARE_SPEED:g} m/s"
             )
         else:
-            lines.append(f"{c}: nothing to compare above {MIN_COMPARE_SPEED:g} m/s")
+            lines.append(f"{c}: not compared: the log has no values above {MIN_COMPARE_SPEED:g} m/s")
     return tuple(lines)
 
 

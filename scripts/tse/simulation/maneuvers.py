@@ -16,19 +16,23 @@ from tse.library.errors import UserError
 
 @dataclass
 class Maneuver:
-    """Time histories of a manoeuvre, (rows,). Torques are the sum of an axle, Nm."""
+    """Time histories of a manoeuvre, (rows,).
 
-    time: np.ndarray  # s
-    speed: float  # at the start, m/s
-    steer_angle: np.ndarray  # at the road wheels, rad
+    A torque [Nm] is the sum of both wheels of an axle."""
+
+    time: np.ndarray  # [s]
+    speed: float  # [m/s] speed at the start
+    steer_angle: np.ndarray  # [rad] at the road wheels
     wheel_torque_front: np.ndarray
     wheel_torque_rear: np.ndarray
-    road_level: np.ndarray  # factor of all stiffnesses
-    # m/s; a controller then computes the torques. None: torques are as given
+    road_level: np.ndarray  # factor by which the road multiplies all stiffnesses
+    # [m/s] speed that a controller keeps by its own torques. None: no controller, the
+    # torques given here act
     target_speed: np.ndarray | None = None
     brake_torque_front: np.ndarray | None = None
     brake_torque_rear: np.ndarray | None = None
-    road_friction: np.ndarray | None = None  # 0: that of the simulator's settings
+    # coefficient of friction. 0, or None for all rows: that of the simulator's settings
+    road_friction: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -36,12 +40,13 @@ class Kind:
     """A manoeuvre in the list MANEUVERS."""
 
     name: str
-    duration: float  # default, s
-    speed: float  # default, m/s
-    amplitude: float  # default
+    duration: float  # [s] default duration
+    speed: float  # [m/s] default speed at the start
+    amplitude: float  # default amplitude, in the unit of amplitude_text
     amplitude_text: str  # quantity and unit of the amplitude
     text: str  # description
-    # (time, speed, amplitude, config, rng) -> time histories by name
+    # function (time, speed, amplitude, config, rng) that returns time histories, with the
+    # names of members of Maneuver as keys
     build: Callable[[np.ndarray, float, float, Config, np.random.Generator], dict]
 
 
@@ -62,7 +67,7 @@ def _make_double_lane_change(
 ) -> dict:
     """Make cycles of 12 s: 3 s accelerate, 6 s change lane and back, 2 s brake, 1 s roll.
 
-    Braking reduces the speed to that before the acceleration.
+    Braking reduces the speed to about its value before the acceleration.
     """
     cycle = t % 12.0
     steer = np.zeros_like(t)
@@ -128,10 +133,9 @@ def _make_straight(
 def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s of braking,
-    5 s of rest.
+    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s braking, 5 s of rest.
 
-    The bend lasts from 5 to 11 s."""
+    From 5 to 11 s of each cycle the car drives a bend, alternately left and right."""
     cycle = t % 20.0
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
@@ -143,9 +147,9 @@ def _make_stop_and_go(
 
 
 def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
-    """Return noise of sd 1 and correlation time `memory`, s, like a driver's corrections.
+    """Return noise with sd 1 and correlation time `memory` [s], as of a human driver.
 
-    White noise passes two first-order low passes. `step`: sample time, s."""
+    It is white noise behind two first-order low-pass filters. `step`: sample time [s]."""
     from scipy.signal import lfilter
 
     a = np.exp(-step / memory)
@@ -213,8 +217,8 @@ def build(
     amplitude
         In the unit of the manoeuvre. None: its default.
     road
-        Changes of the road: (time [s], level). From this time on, the level multiplies
-        all stiffnesses.
+        Changes of the road: (time [s], factor). From this time on, the factor multiplies
+        all stiffnesses. Before the first change it is 1.
     seed
         Seed of random steering.
 

@@ -12,11 +12,11 @@ from tse.log.rows import ROAD_COLUMNS, list_columns
 from tse.roads.road import Road
 from tse.simulation.maneuvers import Maneuver
 
-SPEED_GAIN = 2.0  # [1/s] acceleration per error of the speed of the driver model
+SPEED_GAIN = 2.0  # [1/s] gain of the speed controller: acceleration per error of the speed
 BRAKE_FRONT = 0.6  # [1] share of the brake force at the front axle
 HOLD_TORQUE = 300.0  # [Nm] brake torque of an axle at standstill
 # [rad/s] sd of the noise of real wheel speeds. Without noise, values would repeat
-# exactly, and the filter would judge the channel to be frozen
+# exactly, and the filter would detect a frozen channel
 WHEEL_NOISE = 0.02
 POSITIONS = {  # columns of a log -> columns of a road
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
@@ -51,8 +51,9 @@ def simulate(
 ) -> Simulation:
     """Simulate a manoeuvre and return log and truth as they are written to files.
 
-    Parameters as in drive(). With a road, the log has positions: those on the road at the
-    travelled distance, even if the steering of the manoeuvre does not follow the road.
+    Parameters as in drive(). With a road, the log also has positions. They are points of
+    the road at the travelled distance, even if the steering of the manoeuvre does not
+    follow the road.
     """
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
     log, truth = _make_log(maneuver.time, outputs), _make_truth(maneuver, inputs, outputs, config)
@@ -143,9 +144,9 @@ def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
 
 
 def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """Return the outputs of the simulator that are no channels, and the torques.
+    """Return the true values: outputs of the simulator that the log lacks, and inputs.
 
-    Stiffnesses are in N and N/rad."""
+    The inputs are torques and road_level. Stiffnesses are in N and N/rad."""
     log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):
