@@ -19,10 +19,10 @@ from tse.library.errors import UserError
 from tse.log.clock import DAY
 from tse.readers.databases import IDENTIFIER_MASK
 
-DETECTION_BYTES = 1 << 16  # beginning of a file, from which its format is detected
-MAX_LINE_LENGTH = 1 << 14  # characters that are read of a line
-DETECTION_LINES = 2000  # first frames, from which unit of times and base of identifiers are found
-MAX_LISTED_LINES = 3  # numbers of unparsed lines in one note
+DETECTION_BYTES = 1 << 16  # length of the beginning of a file, from which its format is detected
+MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
+DETECTION_LINES = 2000  # frames at the beginning that determine unit of times, base of identifiers
+MAX_LISTED_LINES = 3  # how many of the lines that cannot be parsed are named in a note
 ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame
 
 
@@ -166,7 +166,7 @@ CONSOLE_LINE = re.compile(
 def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of candump.
 
-    Times that are differences between frames (candump -td) are summed up."""
+    If the times are differences from frame to frame (candump -td), they are summed up."""
     found = (f for number, line in lines if (f := _parse_candump_line(number, line, lines)) is not None)
     first = list(itertools.islice(found, DETECTION_LINES))
     if first and all(f[0] == "" for f in first):
@@ -192,8 +192,8 @@ def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
 def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
     """Return time, bus, identifier and data of a line of candump.
 
-    None: the line is empty, a remote frame, or cannot be parsed. The number of a line
-    that cannot be parsed is added to `lines`."""
+    If the line is empty, is a remote frame, or cannot be parsed, return None. The number
+    of a line that cannot be parsed is added to lines.odd."""
     if not line.strip():
         return None
     if logged := CANDUMP_LINE.match(line):
@@ -236,12 +236,12 @@ BUSMASTER_LINE = re.compile(
     r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
-# mode of the times in the header, and whether times of this mode are differences
+# mode of the times, from the header -> whether times of this mode are differences
 BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}
 
 
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
-    """Yield the frames of a log of BUSMASTER. Times do not restart at midnight."""
+    """Yield the frames of a log of BUSMASTER. Times do not restart from 0 at midnight."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -312,9 +312,10 @@ class _FrameTable:
     """The layout of a CSV with one frame per row.
 
     The data are in one column, hexadecimal or in base 64 (python-can), or in one column
-    per byte. Identifiers are decimal if the databases contain more of them as decimal
-    numbers, otherwise hexadecimal. Times have the unit in their title. Without one,
-    integers have the unit that _guess_tick() returns, and other numbers are in s."""
+    per byte. Identifiers are read as decimal numbers if the databases then contain more
+    of them than if they are read as hexadecimal numbers. The unit of the times is in the
+    title of their column. Without it, integers have the unit that _guess_tick() returns,
+    and other numbers are in s."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -420,7 +421,8 @@ TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.A
 def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
     """Return a function that converts a time of the table to s.
 
-    Its unit or form follows from the title of the column and from the first `stamps`."""
+    The unit or form of the times follows from the title of the column and from `stamps`,
+    the times of the first rows."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
     )
@@ -431,7 +433,7 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Convert a time of day to s. Times do not restart at midnight."""
+            """Convert a time of day to s. Times do not restart from 0 at midnight."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
@@ -456,8 +458,8 @@ def _guess_tick(stamps: np.ndarray) -> float:
     """Return the length [s] of the unit of times that are integers: ms, us or ns.
 
     Times since 1970 are above 1e14 in us and above 1e17 in ns. For smaller times the
-    median step decides: a frame takes at least 0.05 ms, which is 50 us or 5e4 ns, and
-    consecutive frames of a bus are at most some ms apart."""
+    median step decides. Consecutive frames of a bus are 0.05 ms to some ms apart. So a
+    step above 1e5 means ns, a step of 20 to 1e5 means us, and a smaller one ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
@@ -466,7 +468,7 @@ def _guess_tick(stamps: np.ndarray) -> float:
 
 
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
-    """Return whether the databases contain more identifiers as decimal numbers."""
+    """Return whether more of the identifiers are in the databases if read as decimal."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False

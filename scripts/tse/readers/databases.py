@@ -16,9 +16,11 @@ from tse.readers.recording import import_optional
 
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
-MAX_NOTED_LINES = 4  # lines with faults that one note describes
+MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
+# A standard identifier has 11 bits. An extended one has 29, and bit 31 is set in a DBC
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
-ORPHAN_IDENTIFIER = 0xC0000000  # message in which Vector's tools put signals of no message
+# identifier of the message in which Vector's tools put signals that belong to no message
+ORPHAN_IDENTIFIER = 0xC0000000
 VALID_NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
 KEYWORD = re.compile(
     r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_"
@@ -43,15 +45,17 @@ COMMENT_TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
 
 @dataclass
 class _Message:
-    """A message of a DBC."""
+    """A message of a DBC.
 
-    line: int  # number of its line
+    A clean name is a valid name in a DBC, see _clean_name()."""
+
+    line: int  # number of the line with its statement BO_
     identifier: int  # with EXTENDED_BIT
-    name: str
-    length: int
+    name: str  # clean name
+    length: int  # [bytes] -1: placeholder for a message that is left out
     sender: str
-    signals: dict[str, str] = field(default_factory=dict)  # repaired statement SG_ by clean name
-    called: dict[str, str] = field(default_factory=dict)  # clean name by the name in the file
+    signals: dict[str, str] = field(default_factory=dict)  # clean name -> repaired statement SG_
+    called: dict[str, str] = field(default_factory=dict)  # name in the file -> clean name
 
     def text(self, names: Iterable[str]) -> str:
         """Return the statements of the message with the named signals."""
@@ -61,9 +65,9 @@ class _Message:
 
 @dataclass
 class _OddLines:
-    """Lines of a DBC with faults, which were left out or changed."""
+    """Faulty lines of a DBC, which were left out or changed."""
 
-    said: list[tuple[int, str]] = field(default_factory=list)
+    said: list[tuple[int, str]] = field(default_factory=list)  # number of the line, what is wrong
 
     def add(self, line: int, what: str) -> None:
         """Add what is wrong with a line."""
@@ -158,8 +162,8 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    Try all repaired lines, then only those of messages and signals, then each message
-    alone, then each signal alone."""
+    Try first all repaired lines, then only the lines of messages and signals, then each
+    message alone. If cantools refuses a message, try each of its signals alone."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
@@ -190,10 +194,10 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 
 
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
-    """Return the messages, and numbers and text of further statements about signals.
+    """Return the messages, and (number of the line, text) of statements about signals.
 
-    Further statements are values, types, comments and long names; those about a signal
-    that does not exist are left out."""
+    These statements are values, types, comments and long names. A statement about a
+    signal that does not exist is left out."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):
@@ -203,7 +207,7 @@ def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[
             if (message := _parse_message(line, part, odd)) is not None:
                 messages.append(message)
             elif not messages or messages[-1].length >= 0:
-                messages.append(_Message(line, -1, "", -1, ""))  # collects signals that are dropped
+                messages.append(_Message(line, -1, "", -1, ""))  # its signals are left out, too
         elif word == "SG_":
             _add_signal(messages, line, part, odd)
         elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME_LINE.match(part):
@@ -263,7 +267,7 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) 
     """Add the signal of a statement SG_ to the last message."""
     found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
-        return  # the message is left out, which is noted already
+        return  # the message is left out, and a note already reports it
     if found is None:
         odd.add(line, f"{part.strip()[:60]!r} cannot be parsed as a signal: left out")
         return

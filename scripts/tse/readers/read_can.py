@@ -79,13 +79,14 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
 class _Kept:
     """Decoded values of one message.
 
-    Signals that occur in the same frames have the same _make_pattern() and share an entry
-    of `frames`."""
+    Signals that occur in the same frames have the same pattern, see _make_pattern(), and
+    share an entry of `frames`."""
 
     message: Any
     signals: list[Any]  # needed signals of the message
-    value: dict[str, Growing] = field(default_factory=dict)  # values by name of the signal
-    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)  # frame numbers by pattern
+    value: dict[str, Growing] = field(default_factory=dict)  # name of a signal -> its values
+    # pattern -> numbers of the frames that contain the signals with this pattern
+    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
 
 
 class Bus:
@@ -173,7 +174,8 @@ class Bus:
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)
-        # by the name of the bus (2 before 10): its index depends on the order of frames
+        # sorted by the name of the bus (2 before 10), because the index of a bus depends
+        # on the order of the frames
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -216,10 +218,10 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times [s] of the kept ones of `frames`, and what selects them.
+        """Return the times [s] of those of `frames` that are kept, and an index.
 
-        The second result is a mask of kept frames, an order by time, or slice(None). It
-        indexes the values of a signal."""
+        The index selects the values of a signal that belong to these times. It is a mask
+        of kept frames, an order by time, or slice(None) for all values."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -231,7 +233,9 @@ class Bus:
 
 
 def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
-    """Return the messages of databases by key. Of equal keys the first one counts."""
+    """Return the messages of all databases by key.
+
+    If two messages have the same key, the first one is used."""
     messages: dict[int, Any] = {}
     for p in databases:
         for message in read_database(p, notes):
@@ -250,7 +254,7 @@ NO_VALUE = re.compile(
 
 
 def read_states(s: Any) -> dict[float, str]:
-    """Return the names that a database gives to single values, by physical value."""
+    """Return the names of single values by the database, as physical value -> name."""
     return {
         float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()
     }
@@ -259,7 +263,7 @@ def read_states(s: Any) -> dict[float, str]:
 def drop_codes(
     name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]
 ) -> np.ndarray:
-    """Replace the codes by NaN that, by the database, mean "not available"."""
+    """Replace by NaN the values that mean "not available" according to the database."""
     codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
     if s.length < MIN_MEASUREMENT_BITS or not codes:
         return value
@@ -328,7 +332,7 @@ def decode_signals(
 
 
 def _find_bits(s: Any) -> np.ndarray:
-    """Return the indices of a signal's bits in np.unpackbits(), the lowest bit first."""
+    """Return the columns of `bits` (decode_signals()) of a signal, lowest bit first."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
     at, found = s.start, []
@@ -339,12 +343,14 @@ def _find_bits(s: Any) -> np.ndarray:
 
 
 def _find_last_byte(s: Any) -> int:
-    """Return the index of the first bit of the last byte that a signal uses."""
+    """Return the index of the first bit in the last byte that a signal uses.
+
+    A frame contains the signal if it has more bits than this."""
     return int(_find_bits(s).max() // 8 * 8)
 
 
 def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
-    """Return the values of one signal, (frames,); `raw`: without scale and offset.
+    """Return the values of one signal, (frames,). `raw`: do not apply scale and offset.
 
     Raises
     ------
@@ -440,7 +446,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
-    """Yield the data frames of a reader of python-can; count its error frames."""
+    """Yield the data frames of a reader of python-can; count error frames in `lines`."""
     for m in reader:
         if m.is_error_frame or m.is_remote_frame:
             lines.errors += m.is_error_frame
@@ -449,7 +455,9 @@ def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
 
 
 def _make_reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
-    """Return a reader of python-can that skips lines it cannot parse and counts them."""
+    """Return a reader of python-can that skips lines that it cannot parse.
+
+    The numbers of these lines are added to lines.odd."""
     if kind == "blf":
         return can.BLFReader(str(path))
 

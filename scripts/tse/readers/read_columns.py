@@ -82,9 +82,10 @@ def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
 
 
 def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
-    """Yield all fields that are no structs, and their path of indices into the structs.
+    """Yield each field that is no struct, with the indices that lead to it.
 
-    A field is named by its path: car.speed for field speed of struct car."""
+    The indices are those of the column and of the fields in nested structs. The name of
+    the yielded field is its path: car.speed for field speed of struct car."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
         if not pa.types.is_struct(field.type):
@@ -99,7 +100,7 @@ def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]
 
 
 def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
-    """Return a column that is read on demand. `steps` is its path of indices."""
+    """Return a column that is read on demand. `steps`: indices by _flatten_fields()."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

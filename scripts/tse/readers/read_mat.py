@@ -15,13 +15,14 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import Channel, ReadOptions, Recording, check_rows, import_optional, list_names
 from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recording, split_unit, split_words
 
-# unpacked size up to which a file of version 5 is read at once; if larger, each variable
-# is read on its own
+# [bytes] unpacked size up to which a file of version 5 is read at once; the variables of
+# a larger file are read one by one
 MAX_BYTES_AT_ONCE = 1 << 25
-MAX_MATRIX_COLUMNS = 16  # columns of a matrix become channels up to this number
+MAX_MATRIX_COLUMNS = 16  # a matrix with more columns is skipped; of others each column is a channel
 MIN_VECTOR_LENGTH = 2
 COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
-MAX_VARIABLE_BYTES = 1 << 30  # unpacked size of a variable of version 5: 30 h at 1 kHz
+# [bytes] largest unpacked size of a variable of version 5, enough for 30 h at 1 kHz
+MAX_VARIABLE_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class LazyVector:
 def read(path: Path, how: ReadOptions) -> Recording:
     """Read vectors and columns of matrices, named by their path in structs: car.speed.
 
-    The times of a vector are in the time vector of the same length that is nearest to it
-    in the structs."""
+    The times of a vector are taken from the time vector of the same length that is
+    nearest to it in the tree of structs."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
@@ -66,7 +67,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         columns = [
             Column(n, v.read if isinstance(v, LazyVector) else v, rows=len(v)) for n, v in vectors.items()
         ]
-        return make_recording(path, "MAT", columns, how, notes)  # finds the time, or explains its absence
+        return make_recording(path, "MAT", columns, how, notes)  # finds the time column, or raises
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():
@@ -136,7 +137,7 @@ def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | 
 def _convert_time(
     path: Path, name: str, v: np.ndarray, unit: str, how: ReadOptions, notes: list[str]
 ) -> np.ndarray:
-    """Return a time in s. Without a known unit, convert it like the time of a table."""
+    """Return a time vector in s. If its unit is unknown, guess it as for tables."""
     unit = how.time_unit or unit
     if unit and (per := unit_factor(unit, "s")) is not None:
         return v * per
@@ -167,9 +168,9 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _measure_unpacked(path: Path) -> int:
-    """Return the unpacked size [bytes] of all variables of version 5, by their headers.
+    """Return the unpacked size [bytes] of all variables of version 5, from their headers.
 
-    scipy reads at most the size that the header of a variable states."""
+    The headers can be relied on: scipy unpacks no more than they state."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -209,7 +210,9 @@ def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[
 
 
 def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
-    """Yield a vector, or the columns of a matrix that has few enough, as floats."""
+    """Yield a vector, or each column of a matrix, as floats.
+
+    A matrix with more than MAX_MATRIX_COLUMNS is skipped."""
     if value.dtype.kind not in "biuf":
         return
     value = np.squeeze(value)
@@ -257,7 +260,7 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tup
 
 
 def _split_dataset(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the vector in a dataset, or the columns of its matrix, read on demand."""
+    """Yield the vector in a dataset, or each column of its matrix, read on demand."""
     long = [axis for axis, n in enumerate(item.shape) if n > 1]
     if not 1 <= len(long) <= 2:
         yield from _split_columns(name, np.asarray(item))

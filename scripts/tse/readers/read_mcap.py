@@ -51,8 +51,8 @@ MAGIC = b"\x89MCAP0\r\n"  # first and last bytes of a complete file
 def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
     """Yield schema, channel and message of all messages.
 
-    The index is at the end of the file. A file whose end is missing is read without it,
-    from the front."""
+    The index is at the end of the file. If the end is missing, the file is read from the
+    front, without the index."""
     file.seek(0, 2)
     file.seek(max(file.tell() - len(MAGIC), 0))
     whole = file.read() == MAGIC
@@ -67,7 +67,8 @@ def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tupl
 def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]) -> Any:
     """Return a decoder of the messages of a channel.
 
-    If encoding or schema is unknown, return None and add it to `strange`, by topic."""
+    If encoding or schema is unknown, return None, and add the reason to `strange`, which
+    has topics as keys."""
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads

@@ -59,7 +59,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# kind of a block of MDF 4, and the kinds of blocks in the lists that begin at it
+# kind of a block of MDF 4 -> kinds of blocks in the lists to which such a block links
 CHILD_BLOCKS = {
     b"##DG": (b"##CG", b"##DL"),
     b"##CG": (b"##CN",),
@@ -69,14 +69,16 @@ CHILD_BLOCKS = {
     b"##HL": (b"##DL",),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")  # a link to them must lead to a block of this kind
+# A link to a list of these kinds must lead to a block of this kind, otherwise the file is
+# damaged. A link to a list of a different kind may lead to other blocks, too
+LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
 def _check_chains(path: Path) -> None:
     """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
-    asammdf would follow such a list for ever. The first link of each block leads to the
-    next block of its list, further links to the first blocks of other lists."""
+    asammdf would follow such a list for ever. The first link of a block leads to the next
+    block of its list, further links lead to the first blocks of other lists."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
@@ -105,8 +107,8 @@ def _check_chains(path: Path) -> None:
 def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
     """Return the links of the block of this kind at byte `at`.
 
-    If the block has a different kind, return [], or raise a UserError if the kind is
-    `required`. A block begins with its kind, its length and the number of its links."""
+    If there is no such block at this byte, return [], or raise a UserError if the block
+    is `required`. A block begins with its kind, its length and its number of links."""
     file.seek(at)
     head = file.read(24)
     if len(head) < 24 or head[:4] != kind:
@@ -124,15 +126,16 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 def _is_finished(file: BinaryIO) -> bool:
     """Return whether the recorder has finished and closed a file.
 
-    asammdf receives a finished file as an open file, because it would map a path into
-    memory. It receives an unfinished file by its path, and completes a copy."""
+    A finished file is passed to asammdf as an open file, because asammdf maps a file into
+    memory if it receives the path. For an unfinished file it receives the path, and
+    completes a copy."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished
 
 
 def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
-    """Return the needed channels. If names are equal, the group's title precedes them."""
+    """Return the needed channels. Equal names are preceded by the title of the group."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -150,7 +153,7 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
             value, bad = signal.samples.astype(float), signal.invalidation_bits
             if bad is not None and len(np.atleast_1d(bad)) == len(value):
                 value = np.where(np.asarray(bad, bool), np.nan, value)
-            if len(time) != len(value):  # the first channel: the channels of a group share their times
+            if len(time) != len(value):  # only at the first channel: all channels of a group share it
                 time = np.asarray(signal.timestamps, float)
             text = str(signal.comment or "")[:200]
             made = Channel(channel.name, time, value, str(signal.unit or ""), text)
@@ -222,7 +225,7 @@ def _decode_frames(
 def _read_frame_columns(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str], list[bytes]] | None:
     """Return identifiers, extended flags, buses and data of frames, for Bus.add().
 
-    None: the samples are no frames."""
+    If the samples are no frames, return None."""
     names = samples.dtype.names or ()
     if not all(n in names for n in FRAME_CHANNELS[1:]):
         return None

@@ -69,7 +69,7 @@ def _add(collect: Collector, service: str, time: float, message: Any) -> None:
 
 
 def _unpack(path: Path) -> bytes:
-    """Return the content of a file. If it is packed by bzip2 or Zstandard, unpack it."""
+    """Return the content of a file, unpacked if it is packed by bzip2 or Zstandard."""
     raw = path.read_bytes()
     try:
         if raw.startswith(b"BZh"):

@@ -10,16 +10,18 @@ from typing import Any, BinaryIO
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
-OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op` of records of a ROS 1 bag
-MAX_RECORD_BYTES = 1 << 30  # size of a record, and of an unpacked chunk; rosbag's chunks have 0.8 MB
+OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op`: kind of a record of a ROS 1 bag
+# [bytes] largest size of a record and of an unpacked chunk; chunks of rosbag have 0.8 MB
+MAX_RECORD_BYTES = 1 << 30
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
 
 def _is_closed(path: Path) -> bool:
     """Return whether a ROS 1 bag has an index, which is written when the bag is closed.
 
-    The first record states the place of the index. It is 0 if the bag was not closed, and
-    beyond the end of the file if the file is cut off."""
+    The first record states the position of the index. The position is 0 if the bag was
+    not closed, and beyond the end of the file if the file is cut off. If the first record
+    cannot be read, return True, so that the package rosbags reports the damage."""
     try:
         with open(path, "rb") as file:
             file.readline()

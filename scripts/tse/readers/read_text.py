@@ -29,7 +29,7 @@ from tse.readers.table import (
 )
 
 MAX_HEADERS = 4  # rows directly above the data that may hold names, units or sources
-HEAD_LINES = 400  # first lines of a file, from which its layout is found
+HEAD_LINES = 400  # number of the first lines of a file, from which its layout is found
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 CLOCK_CELL = re.compile(
@@ -56,7 +56,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     names = _take_names(path, cells[header] if header is not None else None, width, lines, header)
     check_table_width(path, names)
     decimal = how.decimal or _find_decimal(cells[first:])
-    if decimal is None and separator != ",":  # the first rows hold integers only: search the others
+    if decimal is None and separator != ",":  # the first rows have integers only: search the next rows
         with open(path, encoding=encoding, errors=errors, newline="") as file:
             decimal = _find_first_decimal(path, itertools.islice(file, first, None), separator)
     decimal = decimal or "."
@@ -104,13 +104,13 @@ NAME_TITLE = re.compile(
 )
 VALUE_TITLE = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
 CAR_TITLE = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
-MAX_LONG_NAMES = 2000  # channels of a long table
+MAX_LONG_NAMES = 2000  # largest number of channels of a long table
 
 
 def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
-    """Return the indices of the columns time, name, value (and car) of a long table.
+    """Return the indices of the columns time, name, value and, if there is one, car.
 
-    For a table with one column per channel return ()."""
+    For a table that is not long, but has one column per channel, return ()."""
     titles = [n.strip().lower() for n in names]
     name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (NAME_TITLE, VALUE_TITLE))
     value = [i for i in value if i not in name]
@@ -250,8 +250,8 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # prefer the separator whose cells are numbers; commas count less, because
-        # a decimal comma, taken as separator, splits a number into two
+        # prefer the separator that splits the lines into numbers; the comma counts less,
+        # because it may be a decimal comma, which would split a number into two
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         several = width > 1
         value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
@@ -334,7 +334,8 @@ def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
 
     Between names and data there may be a row of units and a row with the source of each
     channel. Sources repeat from cell to cell, names hardly do: the names are the last row
-    with the largest number of different cells. `full`: rows with enough cells."""
+    with the largest number of different cells. `full`: indices of the rows above the data
+    that have as many cells as the data."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]

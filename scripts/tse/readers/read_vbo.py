@@ -23,7 +23,7 @@ from tse.readers.recording import (
 from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unpack_times
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
-MAX_HEAD_BYTES = 1 << 20  # characters before section [data]
+MAX_HEAD_BYTES = 1 << 20  # largest number of characters before section [data]
 # Columns that the GNSS receiver measures, by short name, and their units in a Recording.
 # The units of all other columns are in section [channel units].
 RECEIVER_UNITS = {
@@ -36,7 +36,7 @@ RECEIVER_UNITS = {
     "height": "m",
     "vert-vel": "km/h",
 }
-SYNONYMS = {  # name in the file: short name
+SYNONYMS = {  # name in the file -> short name
     "satellites": "sats",
     "latitude": "lat",
     "longitude": "long",
@@ -44,7 +44,7 @@ SYNONYMS = {  # name in the file: short name
     "altitude": "height",
     "vertical_velocity": "vert-vel",
 }
-SPEED_UNITS = {
+SPEED_UNITS = {  # unit in a title of section [header] -> unit in a Recording
     "kmh": "km/h",
     "km/h": "km/h",
     "kph": "km/h",
@@ -55,8 +55,9 @@ SPEED_UNITS = {
 }
 MINUTES_PER_DEGREE = 60.0
 SATELLITES_MASK = 0x3F  # bits with the number of satellites; higher bits are flags (brake, DGPS)
-MIN_SATELLITES = 4  # satellites that a position needs
-NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")  # invalid without a position
+MIN_SATELLITES = 4  # least number of satellites from which a receiver computes a position
+# columns whose values are invalid in rows with fewer satellites
+NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
@@ -105,7 +106,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if short[i] == "sats":
             value = np.where(np.isfinite(value), np.nan_to_num(value).astype(int) & SATELLITES_MASK, np.nan)
         elif short[i] in ("lat", "long"):
-            # a VBOX writes minutes, and west as positive
+            # a VBOX writes minutes of arc, and longitudes that are positive to the west
             value = value / (MINUTES_PER_DEGREE if short[i] == "lat" else -MINUTES_PER_DEGREE)
         if short[i] in NEEDS_FIX and lost.any():
             value = np.where(lost, np.nan, value)
@@ -116,7 +117,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
-    """Return the lines of each section before [data], and the number of [data]'s line."""
+    """Return the lines of each section before [data], and the line number of [data]."""
     encoding, errors = detect_encoding(path)
     found: dict[str, list[str]] = {}
     now: list[str] = []
@@ -156,10 +157,10 @@ def _shorten_title(title: str) -> str:
 def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
     """Return the unit of each column.
 
-    The receiver's columns have the units of RECEIVER_UNITS, except for a title of
-    [header] with a different one, as "velocity mph". The lines of [channel units] are the
-    units of the last columns of the file. Lines that belong to columns of the receiver
-    are ignored, and so are surplus blank lines at the end of the section."""
+    Columns of the receiver have the units in RECEIVER_UNITS, unless their title in
+    [header] states a different unit, as "velocity mph". The lines of [channel units] are
+    the units of the last columns of the file. Lines that belong to columns of the
+    receiver are ignored, and so are surplus blank lines at the end of the section."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
@@ -228,7 +229,7 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
 
 
 def _strip_letters(cells: pd.Series) -> pd.Series:
-    """Return cells without the letter that some loggers append to minutes."""
+    """Return coordinates without the letter (M, N or E) that some loggers append."""
     if pd.api.types.is_numeric_dtype(cells):
         return cells
     return cells.astype("string").str.rstrip("MmNnEe")

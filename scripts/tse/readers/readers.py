@@ -14,7 +14,7 @@ from tse.readers.bus_text import detect_bus_text
 from tse.readers.databases import DATABASE_SUFFIXES as DATABASES
 from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
-# name of the module after read_: suffixes of its files, first bytes of its files
+# name of a module without its prefix read_ -> suffixes and first bytes of its files
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "mdf": ((".mf4", ".mdf", ".dat", ".mf3"), (b"MDF     ", b"UnFinMF ")),
     "can": ((".blf", ".asc", ".trc", ".log", ".can"), (b"LOGG",)),
@@ -26,7 +26,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
-UNREADABLE = {  # suffix of a file that no module reads: advice to the user
+UNREADABLE = {  # suffix of a file that no module reads -> advice to the user
     ".xlsx": "save the sheet as CSV",
     ".xls": "save the sheet as CSV",
     ".ods": "save the sheet as CSV",
@@ -49,7 +49,7 @@ UNREADABLE = {  # suffix of a file that no module reads: advice to the user
     ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }
-HEAD_BYTES = 1 << 14  # beginning of a file, from which its format is detected
+HEAD_BYTES = 1 << 14  # length of the beginning of a file, from which its format is detected
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
@@ -107,8 +107,8 @@ def choose_reader(path: Path) -> str:
 
 
 GZIP = b"\x1f\x8b"  # first bytes of a gzip file
-MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking that every packed log may have
-MAX_UNPACKED_RATIO = 40  # ratio of the size after unpacking to the packed size that a log may have
+MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking that is always allowed
+MAX_UNPACKED_RATIO = 40  # for a larger log: allowed ratio of the size after unpacking to the packed size
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""Hold the channels of a log with times, units and names as in its file.
+"""Hold the channels of a log with the times, units and names of its file.
 
-Every reader returns a Recording. Functions that several readers need are here, too:
-limits of size, memory and time, optional packages, messages with fields."""
+Every reader returns a Recording. Functions that several readers need are here, too: they
+limit size, memory and time, import optional packages, and turn messages into channels."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ except ImportError:  # Windows
     resource = None
 
 MAX_LISTED_NAMES = 6  # names that one message lists
-CHUNK_ROWS = 1 << 16  # frames or rows of text that are decoded at a time
+CHUNK_ROWS = 1 << 16  # number of frames or rows of text that are decoded at a time
 RECEIVER_TEXT = "receiver of GNSS"  # Channel.text of a channel that a GNSS receiver measures
 
 _ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")  # the point of an abbreviation, as in Lat._Vel
 
 
 def last_part(name: str) -> str:
-    """Return the last name of a path of names: wheel.fl and /car/fl give fl."""
+    """Return the last part of a path of names: wheel.fl and /car/fl give fl."""
     return re.split(r"[./]", _ABBREVIATED.sub("", name))[-1]
 
 
@@ -60,7 +60,8 @@ class Channel:
     value: np.ndarray  # (samples,); missing values are NaN
     unit: str = ""  # as in the file; "": the file states none
     text: str = ""  # description in the file
-    states: Mapping[float, str] = field(default_factory=dict)  # meaning of single values, by a database
+    # value -> its meaning, if the database of the bus gives names to single values
+    states: Mapping[float, str] = field(default_factory=dict)
 
     @property
     def short(self) -> str:
@@ -79,7 +80,7 @@ class Recording:
     format: str
     channels: dict[str, Channel]
     notes: list[str] = field(default_factory=list)
-    start: float = 0.0  # [s] since the epoch; subtracted from all times
+    start: float = 0.0  # [s] time that was subtracted from all times, see since_start()
 
     def __iter__(self) -> Iterator[Channel]:
         return iter(self.channels.values())
@@ -111,11 +112,11 @@ class Recording:
         )
 
     def since_start(self) -> Recording:
-        """Return the recording with an epoch subtracted from its times.
+        """Return the recording with large times, such as those since 1970, made small.
 
         If the first sample is at 1e6 s or later, its time in whole seconds is subtracted
         from all times and added to `start`. Otherwise the times are unchanged. A double
-        stores the present epoch time with an error below a microsecond."""
+        stores a present time since 1970 with an error below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -149,7 +150,9 @@ class Growing:
         self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
 
     def set(self, place: int, value: float) -> None:
-        """Set the value at the last place or a later one; skipped places become NaN."""
+        """Set the value with index `place`, the last index or a larger one.
+
+        Values between the last index and a larger one become NaN."""
         self.pad(place)
         if place == len(self):
             self._values.append(value)
@@ -168,11 +171,12 @@ class Growing:
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] least size in a file of a value of a signal, row of a table, frame, message
+# [bytes] least number of bytes that these take in a file: a value of a signal, a row of a
+# table, a frame, a message
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
 BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
-MEMORY_PER_BYTE = 16  # [bytes] memory that reading may take in addition for each byte of the file
+MEMORY_PER_BYTE = 16  # [bytes] additional memory that reading may take for each byte of the file
 
 
 def measure_size(path: Path) -> int:
@@ -264,7 +268,7 @@ def limit_memory(path: Path) -> Iterator[None]:
 
 
 BASE_READ_TIME = 30.0  # [s] processor time that reading a file of any size may take
-READ_TIME_PER_MB = 3.0  # [s] processor time that reading may take in addition for each MB
+READ_TIME_PER_MB = 3.0  # [s] additional processor time that reading may take for each MB of the file
 
 
 class _TookLong(BaseException):
@@ -290,9 +294,9 @@ def limit_time(path: Path) -> Iterator[None]:
 
     Notes
     -----
-    A signal interrupts the reader in the main thread. In any other thread, and on
-    Windows, a second thread interrupts it, which cannot stop compiled code before it
-    returns to Python. If blocks are nested, the outermost one sets the limit.
+    In the main thread, a signal interrupts the reader. In any other thread, and on
+    Windows, a second thread interrupts it. This thread cannot stop compiled code before
+    it returns to Python. If calls of limit_time() are nested, the outermost one counts.
     """
     limit = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     is_main = threading.current_thread() is threading.main_thread()
@@ -332,7 +336,9 @@ _THREAD = threading.local()  # .watched: True while _watch_thread() limits the t
 
 
 def _measure_work(ident: int) -> float:
-    """Return the processor time [s] of a thread; without one, a monotonic clock [s]."""
+    """Return the processor time [s] of a thread.
+
+    If the system does not measure it, return the time [s] of a monotonic clock."""
     try:
         return time.clock_gettime(time.pthread_getcpuclockid(ident))
     except (AttributeError, OSError):
@@ -379,7 +385,7 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# longer than any line that is read: with a wrong separator a whole line is one cell
+# longer than any line that is read: with a wrong separator, a line is a single cell
 csv.field_size_limit(1 << 22)
 
 
@@ -441,14 +447,15 @@ def _read_data_size() -> int | None:
 class ReadOptions:
     """Options of a reader, from table [log] of signals.toml and from the command line."""
 
-    databases: tuple[Path, ...] = ()
-    time: str | None = None
+    databases: tuple[Path, ...] = ()  # databases of the bus; (): those in the folder of the log
+    # None in the following members: the reader finds the value itself
+    time: str | None = None  # name of the time column
     time_unit: str | None = None
-    step: float | None = None  # [s] time between rows of a table without a time column
-    separator: str | None = None
-    decimal: str | None = None
+    step: float | None = None  # [s] time between rows of a table; used if it has no time column
+    separator: str | None = None  # character between the cells of a CSV
+    decimal: str | None = None  # decimal sign of a CSV
     encoding: str | None = None
-    header: int | None = None  # number of the line with the names, from 1
+    header: int | None = None  # number of the line with the names of a CSV, from 1
     wanted: Callable[[str], bool] | None = None  # returns whether a channel is needed; None: all are
 
 
@@ -458,7 +465,7 @@ def find_unused_name(name: str, taken: Container[str]) -> str:
 
 
 def suggest_channels(name: str, known: Iterable[str]) -> str:
-    """Return the end of a message about a missing channel: similar names, else all."""
+    """Return the end of a message about a missing channel: similar or known names."""
     known = list(known)
     lower = {k.lower(): k for k in known}
     short = {k.replace("/", ".").rpartition(".")[2].lower(): k for k in known}
@@ -475,7 +482,7 @@ def list_names(names: Iterable[str]) -> str:
     return ", ".join(names[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-# ---- Optional packages. The message about a missing one has the command to install it.
+# ---- Optional packages. If one is missing, the message has the command that installs it
 
 
 def import_optional(module: str, extra: str, what: str) -> ModuleType:
@@ -549,7 +556,7 @@ def flatten_message(message: Any, at: str = "", depth: int = 0) -> Iterator[tupl
 def read_stamp(message: Any) -> float | None:
     """Return the time of measurement [s] in the header of a ROS message.
 
-    None: the message has no such header, or its seconds are 0."""
+    If the message has no such header, or its seconds are 0, return None."""
     header = message.get("header") if isinstance(message, dict) else getattr(message, "header", None)
     s = header.get("stamp") if isinstance(header, dict) else getattr(header, "stamp", None)
     if s is None:
@@ -566,7 +573,8 @@ class _Topic:
 
     type: str
     time: Growing
-    columns: dict[str, Growing | None] = field(default_factory=dict)  # by field; None: not needed
+    # path of a field -> values of the field; None: the field is not needed
+    columns: dict[str, Growing | None] = field(default_factory=dict)
 
 
 class Collector:
@@ -580,7 +588,7 @@ class Collector:
         self._messages = 0
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
-        """Add one message. If its header contains a time, that one is used, not `time`.
+        """Add one message. A time in its header, if there is one, replaces `time`.
 
         Raises
         ------
@@ -604,7 +612,7 @@ class Collector:
                 column.set(row, value)
 
     def channels(self) -> dict[str, Channel]:
-        """Return the channels by topic and path of the field: /imu.angular_velocity.z."""
+        """Return the channels by name, TOPIC.PATH: /imu.angular_velocity.z."""
         found: dict[str, Channel] = {}
         for topic, own in self._topics.items():
             time = own.time.array()

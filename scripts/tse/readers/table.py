@@ -1,4 +1,4 @@
-"""Convert tables to recordings: find the time column, its unit and the unit of names."""
+"""Convert tables to recordings: find the time column, its unit, and units in names."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -39,8 +39,8 @@ class Column:
 
     name: str
     values: pd.Series | np.ndarray | Callable[[], pd.Series | np.ndarray]
-    unit: str = ""
-    text: str = ""
+    unit: str = ""  # as in the file; "": the file states none
+    text: str = ""  # description in the file
     rows: int | None = None  # number of rows; None: the length of `values`
     dates: bool = False  # True: `values` is a function that returns dates or durations
 
@@ -120,9 +120,10 @@ def make_recording(
 
 
 def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
-    """Return a column as floats, with a note about cells that are no numbers.
+    """Return a column as floats, and a note about cells that are no numbers.
 
-    Missing cells become NaN. For a column of dates or other strings, return None."""
+    Missing cells and cells that are no numbers become NaN. If the column has dates or too
+    many cells that are no numbers, return None instead of floats. The note may be ""."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values, ""
     x = values if isinstance(values, pd.Series) else pd.Series(values)
@@ -154,6 +155,7 @@ def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, 
     return found.to_numpy(dtype=float, na_value=np.nan), note
 
 
+# contents of a cell, in lower case, that mean a missing value and give no note
 MISSING_WORDS = {
     "nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan",
     "-1.#ind", "inval", "invalid", "sna", "init", "missing", "nil", ".",
@@ -161,7 +163,7 @@ MISSING_WORDS = {
 
 
 def can_be_time(place: int, name: str, unit: str) -> bool:
-    """Return whether a column may be the time, by its name or unit; the first one may."""
+    """Return whether a column may be the time: by name, by unit, or as the first one."""
     return place == 0 or any(w in TIME_WORDS for w in split_words(name)) or unit_kind(unit) == "time"
 
 
@@ -203,8 +205,8 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
 def _is_increasing(c: Column, strictly: bool = False) -> bool:
     """Return whether a column increases as a time does.
 
-    It must not fall in more than 10 % of its rows and must rise in some. If `strictly`,
-    it must rise in every row. Strings must be numbers or times of day."""
+    It must not fall in 10 % of its rows or more, and must rise in more than 10 %. If
+    `strictly`, it must rise in every row. Strings must be numbers or times of day."""
     if c.is_dates():
         return True
     values = c.read()
@@ -279,10 +281,10 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     return time * per
 
 
-# Groups of channels that share their times
-MAX_GROUP_STEP = 2.0  # median step; a group with a longer step may count in ms, us or ns
+# Limits of correct_time_units(). A group is the channels that share one array of times
+MAX_GROUP_STEP = 2.0  # median step of times; a group with a longer step may count in ms, us or ns
 MIN_GROUP_ENTRIES = 100  # a group with fewer entries keeps its unit
-DURATION_TOLERANCE = 0.03  # relative difference of the durations of groups in the right unit
+DURATION_TOLERANCE = 0.03  # if the unit is right, durations of groups differ by less than this share
 
 
 def correct_time_units(
@@ -290,9 +292,10 @@ def correct_time_units(
 ) -> dict[str, Channel]:
     """Return channels with their times in s, for a format that prescribes s.
 
-    Some recorders write other units nevertheless. If the entries of every group are more
-    than 2 apart, all times are taken as ms, us or ns. If one group lasts 1000 times (or
-    1e6, 1e9 times) as long as the others, only its times are.
+    Some recorders write other units nevertheless. A group is the channels that share one
+    array of times. If the median step of every group is longer than 2, all times are
+    taken as ms, us or ns. If only some groups have such steps, each of them is converted
+    if it lasts 1000 times (or 1e6 or 1e9 times) as long as the other groups.
 
     Parameters
     ----------
@@ -323,7 +326,9 @@ def correct_time_units(
 def _guess_units(
     times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
 ) -> dict[int, float]:
-    """Return the lengths [s] of units that are not s, by the id of the array of times."""
+    """Return the lengths [s] of the units of times that are not in s.
+
+    Keys of `times` and of the result are the id() of an array of times."""
     steps = {
         i: float(np.median(d[d > 0]))
         for i, t in times.items()
@@ -403,7 +408,7 @@ def is_packed(time: np.ndarray) -> bool:
     return bool((step[minute] > 39).all() and np.median(after[minute]) < 5 * usual + 1e-3)
 
 
-_TIME_SUFFIXES = {  # last word of a name: unit
+_TIME_SUFFIXES = {  # last word of a name -> unit
     "ms": "ms",
     "millis": "ms",
     "msec": "ms",
@@ -433,7 +438,9 @@ def _convert_dates(x: pd.Series) -> np.ndarray:
 
 
 def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
-    """Parse dates (s since 1970) or times of day (s since midnight); others are NaN."""
+    """Return dates in s since 1970, or times of day in s since midnight.
+
+    Strings that are neither become NaN."""
     text = text.str.replace(r"(\d{1,2}:\d{2}:\d{2}),(\d)", r"\1.\2", regex=True)
     first = str(text.dropna().iloc[0]) if text.notna().any() else ""
     if re.fullmatch(r"\d{1,3}:\d{2}(:\d{2})?(\.\d+)?", first):
@@ -457,7 +464,7 @@ def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
 
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[\(\{<]\s*([^\[\]\(\)\{\}<>]*)\s*[\]\)\}>]\s*$")
-_AT_END = {  # last word of a name: unit
+_AT_END = {  # last word of a name -> unit
     "kmh": "km/h",
     "kph": "km/h",
     "mph": "mph",
