@@ -330,7 +330,8 @@ def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[
             continue
         last = first + (last - first) // per_block * per_block
         used = time[first:last] - time[first] >= BURN_IN
-        used[: int(np.argmax(used)) // per_block * per_block + per_block] = False  # whole blocks
+        # lengthen the part that is not used to whole blocks
+        used[: int(np.argmax(used)) // per_block * per_block + per_block] = False
         stretches.append(FitStretch(int(first), int(last), used))
     return stretches
 

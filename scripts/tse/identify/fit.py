@@ -157,8 +157,8 @@ class NormalEquations:
     """Normal equations at a point, from which z is eliminated (Schur complement)."""
 
     information: np.ndarray  # information matrix of x, after the elimination of z
-    gradient: np.ndarray  # of the cost with respect to x, after the elimination of z
-    across: np.ndarray  # (z, x) mixed second derivatives of the cost
+    gradient: np.ndarray  # gradient of the cost with respect to x, after the elimination of z
+    across: np.ndarray  # (length of z, length of x) mixed second derivatives of the cost
     own: np.ndarray  # gradient of the cost with respect to z
     factor: object | None  # factorised information matrix of z; None: the road is not fitted
 
@@ -265,7 +265,7 @@ def fit(
     near: bool = False,
     tables: list[np.ndarray] | None = None,
 ) -> CarFit:
-    """Search the maximum a posteriori.
+    """Search for the maximum a posteriori estimate of car and road.
 
     Parameters
     ----------

@@ -20,11 +20,12 @@ large wheel latencies averages this noise, and would fit accel_x better than the
 does. C is the prior mean and not an unknown, because it defines the comparison.
 
 The wheels have a mean latency of 0 in the simulation: only the difference between the
-latencies of wheels and of accel_x is estimated. Their common latency behind the gyro
-keeps its prior, and accel_y and yaw_rate do not influence it (a cut: Liu, Bayarri &
-Berger 2009, Plummer 2015). The reason: the speed hardly changes within a latency, but
-braking changes the lateral forces. A small error of the model in this effect would be
-explained by a latency. With yaw_rate, the most accurate channel, it would be 0.1 s.
+latencies of wheels and of accel_x is estimated. The common latency of both relative to
+the gyro keeps its prior: accel_y and yaw_rate do not influence it (such a restriction is
+called a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The reason: the speed hardly
+changes within a latency, but braking changes the lateral forces. A small error of the
+model in this effect would be explained by a latency. With yaw_rate, the most accurate
+channel, it would be 0.1 s.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
 # road would act on the result, with a shorter one the noise of the channel
 SPEED_TIME = 1.0
 SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
-MIN_SLIP_SPEED = 5.0  # [m/s] below, slip is not observable
+MIN_SLIP_SPEED = 5.0  # [m/s] lower limit of average_speed(); at lower speeds slip is not observable
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
 MIN_BLOCK_FILL = 0.5  # a block with fewer values than this share of the median number is not used
 # Lower limit of the model error of accel_y and yaw_rate, relative to the rms of the
@@ -285,7 +286,7 @@ class CarProblem:
             "accel_y": late["accel_y"],
         }
         later |= {w: late[w] - wheels for w in WHEEL_CHANNELS}
-        for name in LATENCIES:  # `later` contains them already
+        for name in LATENCIES:  # set to 0, because `later` already contains the latencies
             setattr(config, name, 0.0)
         profiles = {} if self.road is False else self.road.compute_profiles(i, z)
         if self.leans:
@@ -373,7 +374,7 @@ class CarProblem:
         return np.maximum(self._speed[g][self._together[g]].mean(axis=1), MIN_SLIP_SPEED)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return, for each value, the yaw rate [rad/s] of a curve with 1 m/s2."""
+        """Return the yaw rate [rad/s] of each value at 1 m/s2 of lateral acceleration."""
         return 1.0 / self.average_speed(g)
 
     # ---- partial derivatives

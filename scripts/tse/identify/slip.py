@@ -284,7 +284,7 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
         size = np.abs(error) * weight
         w = weight**2 * np.minimum(1.0, 1.345 * 1.4826 * np.median(size) / np.maximum(size, 1e-12))
         total = float(np.sum(w * error**2)) or 1e-30
-        # samples per independent sample, by the correlation of residuals within blocks
+        # number of samples that count as one, because residuals of a block are correlated
         lasts = max(1.0, float(np.sum(np.bincount(block, np.sqrt(w) * error) ** 2)) / total)
         w = w * len(y) / (total * lasts)
         information = (x * w[:, None]).T @ x + prior

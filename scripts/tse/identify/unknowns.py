@@ -149,7 +149,7 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
-    # axles differ in tyres or camber; their ratio is 0.8 .. 1.2
+    # the friction of both axles differs by tyres or camber: front / rear is 0.8 .. 1.2
     Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
@@ -179,7 +179,7 @@ UNCERTAIN_SETTINGS = {
 }
 # unknown -> a second unknown that also scales accel_y, and the factor of the second one
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
-SUPERELEVATION = "superelevation"  # lean of the roads, an unknown of each log: see name_in_log()
+SUPERELEVATION = "superelevation"  # lean of the roads of a log; name_in_log() adds the index of the log
 
 
 def name_in_log(name: str, log: int) -> str:

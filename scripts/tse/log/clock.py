@@ -8,7 +8,7 @@ DAY = 86400.0  # [s]
 # Otherwise the clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
-MAX_TIME_GAP = 3600.0  # [s] limit of the library; at a longer jump, the clock was set ahead
+MAX_TIME_GAP = 3600.0  # [s] longest gap that the library allows; a longer jump is an error of the clock
 BRIDGED_GAP = 60.0  # [s] gap that replaces such a jump; longer than any transient of a car
 
 

@@ -18,8 +18,9 @@ number of these rows is the hold k. Together they carry the information of one s
 are used for both.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
-drifting mounting cause. Its initial sd is the size of this slow part. The sd of its
-random walk is the change of the slow part over 1 s. The gyro has a fixed initial sd."""
+drifting mounting cause. The initial sd of the bias is the size of this slow part. The sd
+of its random walk is the change of the slow part over 1 s. For the gyro, the initial sd
+of the bias is fixed."""
 
 from dataclasses import dataclass
 
@@ -34,8 +35,8 @@ NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/
     "wheel_speed_front": 0.0,
     "wheel_speed_rear": 0.0,
 }
-MAX_HOLD = 10  # rows; a longer hold is not detected
-MIN_NOISE_ROWS = 50  # rows that an estimate needs
+MAX_HOLD = 10  # [rows] a longer hold is not detected
+MIN_NOISE_ROWS = 50  # least number of rows from which noise is estimated
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
 WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; its slow part is an average over this time
 SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
@@ -81,7 +82,7 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
         parts = [f"steps of {step:.3g}: step/sqrt(12) = {sd:.3g}"]
     if hold > 1:
         sd *= np.sqrt(hold)
-        parts.append(f"samples repeat over {hold} rows: x {np.sqrt(hold):.2g}")
+        parts.append(f"samples repeat over {hold} rows: times {np.sqrt(hold):.2g}")
     unraised = float(sd)
     if sd < NOISE_FLOOR[name]:
         sd = NOISE_FLOOR[name]
@@ -104,7 +105,7 @@ def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | No
     if found is None:
         return None
     often = np.sqrt(own.rows)
-    text = f"{found.text}, one entry per {own.rows:.3g} rows: x {often:.2g}"
+    text = f"{found.text}, one entry per {own.rows:.3g} rows: times {often:.2g}"
     return Noise(found.sd * often, found.hold, found.step, text, found.unraised * often)
 
 

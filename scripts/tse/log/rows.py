@@ -109,7 +109,7 @@ class Reading:
 
     signals: Path | None = None  # signals.toml; None: the file next to the log, if there is one
     rate: float | None = None  # [Hz] rate of the rows; None: as in signals.toml, else as in the log
-    strict: bool = False  # True: raise an error where otherwise a warning is given
+    strict: bool = False  # True: warnings become errors
     databases: tuple[Path, ...] = ()  # databases of the bus
     car: Any | None = None  # vehicle.Vehicle, for wheel radii and steering ratio
 
@@ -162,7 +162,7 @@ class CheckedLog:
     # longitudinal slip is not observable. None: the file has wheel speeds of both axles
     stand_in: str | None = None
     stands_by: float = 1.0  # factor of the received speeds: ratio of the wheel radii of both axles
-    slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels slower than the rows
+    slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
     # for axles with both wheel speeds in the file: (right - left wheel speed)/yaw rate,
     # which is track width/wheel radius. 0: noise dominates
     turn: dict[str, float] = field(default_factory=dict)
@@ -260,7 +260,7 @@ def check_log(
         Columns in SI units, by name of the channel or of the wheel. Used columns are
         removed from it.
     line : ndarray of int, (rows,)
-        Number of the line or row of the file that each row has.
+        Number of the line or row of the file from which each row was read.
     notes : list of str
         Receives notes about missing and unusable values.
     spare : collection of str
@@ -571,10 +571,11 @@ def _check_optional(
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
     if not there or bad.sum() > MAX_OUTSIDE * there:
-        where = "; it is empty"
+        why = "it is empty"
         if there:
-            where = f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}"
-        notes.append(f"column {name} is not used: allowed: {low:g} .. {high:g} {unit}{where}")
+            why = f"{value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside the allowed range "
+            why += f"{low:g} .. {high:g} {unit}; hint: {hint}"
+        notes.append(f"column {name} is not used: {why}")
         return None
     if bad.any():
         notes.append(f"{name}: {bad.sum()} values outside {low:g} .. {high:g} {unit} are treated as missing")
@@ -618,11 +619,10 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     if not f.low <= seconds <= f.high:
         raise UserError(f"option --average: {seconds:g} is outside its range {f.low:g} .. {f.high:g} s")
     if log.sample_time is None or seconds < 1.5 * log.sample_time:
-        have = f"are {log.sample_time:.3g} s apart" if log.sample_time else "are one"
-        raise UserError(
-            f"option --average: {seconds:g} s is too short for blocks of several rows: the rows of the log "
-            f"{have}"
-        )
+        have = "the log has a single row"
+        if log.sample_time:
+            have = f"the rows of the log are {log.sample_time:.3g} s apart"
+        raise UserError(f"option --average: {seconds:g} s is too short for blocks of several rows: {have}")
     block = np.floor((log.time - log.time[0]) / seconds + 1e-6).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.diff(np.append(starts, len(log)))
@@ -708,7 +708,7 @@ def straighten_log_time(
     time : ndarray, (rows,)
         The time column, s.
     line : ndarray of int, (rows,)
-        Number of the line or row of the file that each row has.
+        Number of the line or row of the file from which each row was read.
     notes : list of str
         Receives notes about the repairs.
     place : str

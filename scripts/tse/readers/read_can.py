@@ -90,7 +90,7 @@ class _Kept:
 
 
 class Bus:
-    """Decodes the frames of a log into needed signals; add() takes them in parts."""
+    """Decodes the needed signals in the frames of a log. add() receives the frames."""
 
     def __init__(self, path: Path, databases: Sequence[Path], how: ReadOptions):
         self._path, self._databases, self._how = path, databases, how
@@ -134,7 +134,8 @@ class Bus:
                 frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
-                if len(frames) == len(kept.value[s.name]):  # only the first signal adds its frames
+                # only the first signal with this pattern adds the numbers of the frames
+                if len(frames) == len(kept.value[s.name]):
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
         self._count += len(ids)

@@ -36,6 +36,7 @@ CLOCK_CELL = re.compile(
     r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]?)?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?"
     r"|\d{4}-\d{2}-\d{2}.*"
 )
+# contents of a cell, in lower case, that a row of data may have in place of a number
 EMPTY_CELLS = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "true", "false"}
 
 
@@ -358,7 +359,7 @@ def _are_units(cells: list[str]) -> bool:
 def _take_names(
     path: Path, cells: list[str] | None, width: int, lines: list[str], header: int | None
 ) -> list[str]:
-    """Return the names of the columns; refuse fewer names than cells."""
+    """Return the names of the columns. Fewer names than cells in a row are an error."""
     if cells is None:
         raise UserError(f"{path}: the first line must name the columns; it is {lines[0][:60]!r}")
     if len(cells) < width:

@@ -313,7 +313,8 @@ def limit_time(path: Path) -> Iterator[None]:
         raise _TookLong
 
     before = signal.signal(signal.SIGVTALRM, stop)
-    signal.setitimer(signal.ITIMER_VIRTUAL, limit, 1.0)  # again each second: a parser may catch it
+    # repeat the signal each second, because a parser may catch the exception
+    signal.setitimer(signal.ITIMER_VIRTUAL, limit, 1.0)
     try:
         yield
     except _TookLong as error:
@@ -353,7 +354,8 @@ def _watch_thread(path: Path, limit: float) -> Iterator[None]:
 
     def interrupt_late() -> None:
         while not ended.wait(min(1.0, limit)):
-            if _measure_work(ident) - begin > limit:  # again each second: a parser may catch it
+            # repeated each second, because a parser may catch the exception
+            if _measure_work(ident) - begin > limit:
                 interrupt(ctypes.c_ulong(ident), ctypes.py_object(_TookLong))
 
     watcher = threading.Thread(target=interrupt_late, daemon=True, name="watchdog of a reader")

@@ -18,7 +18,7 @@ HOLD_TORQUE = 300.0  # [Nm] brake torque of an axle at standstill
 # [rad/s] sd of the noise of real wheel speeds. Without noise, values would repeat
 # exactly, and the filter would detect a frozen channel
 WHEEL_NOISE = 0.02
-POSITIONS = {  # columns of a log -> columns of a road
+POSITIONS = {  # kind of coordinates -> (column of a log -> column of a road)
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
     "local": {"ref_east": "x", "ref_north": "y"},
 }
