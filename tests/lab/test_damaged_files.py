@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from conftest import tselab, tselab_here
@@ -30,6 +31,8 @@ from trade_files import (
 )  # fmt: skip
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
+from tse.library.errors import UserError
+from tse.readers.read_mdf import _check_chains
 from tse.channels.proposal import format_signals, list_signals, propose
 from tse.library.errors import UserError
 from tse.log.rows import Reading
@@ -248,3 +251,22 @@ def test_what_unpacks_to_far_more_than_a_log_is_refused(monkeypatch, tmp_path):
     (tmp_path / "drive.csv.gz").write_bytes(gzip.compress(b"time,x\n" + b"0,0\n" * 1000000))
     done = tselab_here("signals", tmp_path / "drive.csv.gz")
     assert done.code == 2 and "is larger than 1 MB after unpacking; allowed: 40 times" in done.err
+
+
+@pytest.mark.parametrize("kind", ["DG", "CG", "CN", "FH"])
+def test_a_list_of_an_mf4_that_forms_a_circle_is_refused(kind, tmp_path):
+    """asammdf would follow it for ever. The last block of the kind links to itself."""
+    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
+    at_times = np.arange(50) * 0.01
+    path = tmp_path / "log.mf4"
+    with asammdf.MDF(version="4.10") as made:
+        made.append(
+            [asammdf.Signal(np.sin(at_times), at_times, name=name) for name in ("yaw_rate", "accel_y")]
+        )
+        made.save(path)
+    content = bytearray(path.read_bytes())
+    at = content.rfind(f"##{kind}".encode())
+    struct.pack_into("<Q", content, at + 24, at)  # link 0, behind kind, length and number of links
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=f"its list of {kind} blocks forms a circle"):
+        _check_chains(path)

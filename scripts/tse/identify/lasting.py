@@ -113,9 +113,9 @@ def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple
     share
         Ratio of two numbers: the sd of an error that lasts 1 s and has the same power as
         the residuals, and the rms of the signal. The ratio is computed for each piece of
-        LASTING_PIECE_TIME, and the SHARE_QUANTILE of the ratios is returned. Their mean would be
-        misleading: a model that is right on a motorway and 15 % off in a hairpin is not
-        5 % off.
+        LASTING_PIECE_TIME, and the SHARE_QUANTILE of the ratios is returned. Their mean
+        would be misleading: a model that is right on a motorway and 15 % off in a hairpin
+        is not 5 % off.
     count
         Sum of the weights signal^2 / (signal^2 + floor^2) of the pieces.
     """

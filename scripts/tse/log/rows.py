@@ -570,15 +570,16 @@ def _check_optional(
     with np.errstate(invalid="ignore"):
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
+    limits = f"{low:g} .. {high:g}" + (f" {unit}" if unit != "1" else "")
     if not there or bad.sum() > MAX_OUTSIDE * there:
         why = "it is empty"
         if there:
             why = f"{value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside the allowed range "
-            why += f"{low:g} .. {high:g} {unit}; hint: {hint}"
+            why += f"{limits}; hint: {hint}"
         notes.append(f"column {name} is not used: {why}")
         return None
     if bad.any():
-        notes.append(f"{name}: {bad.sum()} values outside {low:g} .. {high:g} {unit} are treated as missing")
+        notes.append(f"{name}: {bad.sum()} values outside {limits} are treated as missing")
         value[bad] = np.nan
     return value
 

@@ -59,14 +59,15 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# kind of a block of MDF 4 -> kinds of blocks in the lists to which such a block links
+# kind of a block of MDF 4 -> index of each link to another list, and the kinds of block
+# that this link can lead to. Link 0 leads to the next block of the same list, except in HL
 CHILD_BLOCKS = {
-    b"##DG": (b"##CG", b"##DL"),
-    b"##CG": (b"##CN",),
-    b"##CN": (b"##CN",),
+    b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
+    b"##CG": ((1, (b"##CN",)),),
+    b"##CN": ((1, (b"##CN",)),),
     b"##FH": (),
     b"##DL": (),
-    b"##HL": (b"##DL",),
+    b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
 # A link to a list of these kinds must lead to a block of this kind, otherwise the file is
@@ -77,14 +78,14 @@ LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 def _check_chains(path: Path) -> None:
     """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
-    asammdf would follow such a list for ever. The first link of a block leads to the next
-    block of its list, further links lead to the first blocks of other lists."""
+    asammdf would follow such a list for ever. Link 0 of a block leads to the next block of its
+    list, further links lead to the first blocks of other lists."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
         start = _read_links(path, file, 64, b"##HD")
         todo = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
-        met: set[int] = set()
+        met: set[tuple[bytes, int]] = set()  # kind that was expected at a byte
         while todo:
             kind, at = todo.pop()
             chain: set[int] = set()
@@ -95,13 +96,14 @@ def _check_chains(path: Path) -> None:
                         f"at byte {at}; copy it again"
                     )
                 chain.add(at)
-                if at in met:
+                if (kind, at) in met:
                     break
-                met.add(at)
+                met.add((kind, at))
                 found = _read_links(path, file, at, kind, kind in LISTED_BLOCKS or len(chain) > 1)
-                for other in found[1:3] if kind == b"##DG" else found[1:2]:
-                    todo += [(k, other) for k in CHILD_BLOCKS[kind] if other]
-                at = found[0] if found else 0
+                for link, kinds in CHILD_BLOCKS[kind]:
+                    if link < len(found) and found[link]:
+                        todo += [(k, found[link]) for k in kinds]
+                at = found[0] if found and kind != b"##HL" else 0
 
 
 def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
