@@ -31,11 +31,10 @@ from trade_files import (
 )  # fmt: skip
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.library.errors import UserError
-from tse.readers.read_mdf import _check_chains
 from tse.channels.proposal import format_signals, list_signals, propose
 from tse.library.errors import UserError
 from tse.log.rows import Reading
+from tse.readers.read_mdf import _check_chains
 from tse.readers.readers import read_recording
 
 COUNT = int(os.environ.get("TSE_DAMAGED", "12"))
