@@ -60,7 +60,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 # kind of a block of MDF 4 -> index of each link to another list, and the kinds of block
-# that this link can lead to. Link 0 leads to the next block of the same list, except in HL
+# that this link can lead to. Link 0 leads to the next block of the same list, but in HL
+# to the first DL
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -78,8 +79,8 @@ LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 def _check_chains(path: Path) -> None:
     """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
-    asammdf would follow such a list for ever. Link 0 of a block leads to the next block of its
-    list, further links lead to the first blocks of other lists."""
+    asammdf would follow such a list for ever. Link 0 of a block leads to the next block
+    its list, further links lead to the first blocks of other lists."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
