@@ -1,5 +1,8 @@
-"""The catalogue of effects in the form that fits use. The library provides
-it from src/tables/effects.toml.
+"""The catalogue of effects in the form that fits use.
+
+An effect is a property of the car, a sensor or the road that the simulation can include,
+such as roll steer or a delay. The library provides the effects from
+src/tables/effects.toml.
 """
 
 from __future__ import annotations
@@ -13,9 +16,9 @@ from tse.library.core import library
 
 @dataclass(frozen=True)
 class Own:
-    """The key of one value of the road profile under one log.
+    """The key of one value of a road profile: bank or grade at one knot of one log.
 
-    Parameters of the car have the name of their setting as key instead.
+    The key of a parameter of the car is a string, the name of its setting.
     """
 
     of: str  # id of the road effect: bank or grade
@@ -30,7 +33,7 @@ Key = str | Own
 
 
 def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the fitted values without those of a single log (road profiles)."""
+    """Return the values of the car only, without the road profiles of the logs."""
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
 
@@ -42,7 +45,7 @@ class CatalogueParameter:
     shape is any other parameter of the effect, such as a time constant.
     """
 
-    name: Key  # its setting, or the key of a value of a road profile
+    name: Key  # name of its setting, or the key of a value of a road profile
     key: str  # its name within the effect
     strength: bool  # True for a strength, False for a shape
     unit: str
@@ -54,19 +57,24 @@ class CatalogueParameter:
     negligible: float
     sign: int  # the plausible sign, 1 or -1; 0 if both are plausible
     text: str
-    # prior sd, from the vehicle file or of a value of a road profile; None: no prior
+    # prior sd. It is stated in the vehicle file, or is KNOT_SD for a value of a road
+    # profile. None: no prior
     prior: float | None = None
-    given: bool = False  # True for a shape that no log can distinguish from the strength; it is not fitted
+    # True for a shape that is not fitted, because logs cannot distinguish a change of the
+    # shape from a change of the strength
+    given: bool = False
 
     @property
     def scale(self) -> float:
-        """The typical size: mean of the absolute ends of the typical range."""
+        """Typical size of the parameter: mean of |typical_low| and |typical_high|. If
+        both are 0, the larger absolute limit.
+        """
         return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
 
     @property
     def step(self) -> float:
-        """The step of finite differences, which is small relative to the typical size and
-        large relative to rounding errors.
+        """Step of finite differences: small relative to the typical size, but large
+        relative to rounding errors.
         """
         return 0.02 * self.scale
 
@@ -82,8 +90,9 @@ class Effect:
     parameters: tuple[CatalogueParameter, ...]
     # how often cars have it: column `occurrence` of src/tables/effects.toml
     occurrence: str = "SENSOR"
-    # Title of the effect if its strength is below early_below. Such a value is an error
-    # of messages or of the IMU. Empty if the effect has no such range.
+    # Title that replaces `title` if the fitted strength is below early_below. Such a
+    # value is not an effect of the car, but a latency of messages or a low pass of the
+    # IMU. Empty if the effect has no such range.
     early: str = ""
     early_below: float = 0.0
 
@@ -93,8 +102,8 @@ class Effect:
 
     @property
     def shapes(self) -> tuple[CatalogueParameter, ...]:
-        """The shapes that a log can distinguish from the strength. Other shapes are not
-        fitted and keep their settings.
+        """The shapes that can be fitted, because logs can distinguish a change of them
+        from a change of the strength. Other shapes keep their settings.
         """
         return tuple(p for p in self.parameters if not p.strength and not p.given)
 
@@ -142,8 +151,10 @@ def load_catalogue() -> dict[str, Effect]:
 
 @functools.cache
 def list_signed_delays() -> frozenset[str]:
-    """Return the settings of delays that a fit may make negative. A negative delay means
-    that messages of the channel are logged too early.
+    """Return the names of the settings of delays that a fit may make negative.
+
+    If the delay of the steering or of the IMU is negative, the other channels are logged
+    late relative to it.
     """
     return frozenset(
         p.name for e in load_catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low

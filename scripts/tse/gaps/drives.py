@@ -1,5 +1,5 @@
-"""A library of manoeuvres for planning, as noise-free inputs of the model: steering angle
-and wheel speeds.
+"""A library of manoeuvres from which the next drive is planned, as noise-free inputs of
+the model: steering angle and wheel speeds.
 
 The wheel speeds are those that the nominal car needs for the manoeuvre. Each axle rolls
 along its own path through the bend. Its slip provides the longitudinal force that changes
@@ -23,17 +23,22 @@ from tse.simulation.maneuvers import compute_understeer, make_square
 
 PLANNED_STEP = 0.01  # [s] time between the rows of a planned log
 MANEUVER_TIME = 30.0  # [s] duration of a manoeuvre
-HAND = 0.06  # [s] sd of the Gaussian that smooths a step, which a driver cannot steer infinitely fast
-ROUNDS = 3  # iterations between wheel speeds and lateral motion, which depend on each other
+# [s] sd of the Gaussian that smooths steps of steering and acceleration, because a driver
+# cannot change them infinitely fast
+HAND = 0.06
+# number of iterations that compute wheel speeds and lateral motion, which depend on each
+# other
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One manoeuvre. It consists of pieces that are driven one after the other, each
-    given by steering angle and speed over time.
+    """One manoeuvre, a candidate for the next drive. Its pieces are driven one after the
+    other.
     """
 
     name: str
+    # for each piece: steering angle [rad] and speed [m/s], one value every STEP seconds
     pieces: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
@@ -42,8 +47,8 @@ class Candidate:
 
 
 def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]:
-    """Return a manoeuvre in the form of prepared logs, one for each piece. The
-    measurements are zeros, which Problem.measure() replaces.
+    """Return a manoeuvre in the form of prepared logs, one for each piece. All
+    measurements are 0; Problem.measure() later replaces them by simulated ones.
     """
     logs = []
     rows = round(BLOCK_TIME / PLANNED_STEP)
@@ -67,20 +72,17 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
     """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a
     speed over time.
 
-    They are found by iteration. The first wheel speeds are those without lateral motion.
-    Simulated with them, the model gives the lateral motion, from which follow the path
-    speed of the steered wheels and new wheel speeds.
+    They are found by iteration, which starts without lateral motion. Each iteration
+    computes wheel speeds from the lateral motion, and then simulates the model with them,
+    which gives a better lateral motion.
     """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))
     for _ in range(ROUNDS):
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
-        steered = (
-            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)
-        ) / length  # N, across the front wheels
-        force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + share * steered * np.sin(
-            steer
-        )
+        # [N] side force of the steered front wheels
+        steered = (c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)) / length
+        force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + share * steered * np.sin(steer)
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {
             "wheel_speed_front": front * (1.0 + slip) / c.wheel_radius_front,
@@ -132,8 +134,8 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
         )
 
     def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
-        """Return the speed during alternating braking and acceleration by `depth`, with
-        the mean v.
+        """Return the speed [m/s] over time if the car alternately accelerates and brakes
+        with `depth` [m/s2]. The mean speed is v.
         """
         acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / PLANNED_STEP)
         speed = v + cumulative_trapezoid(acceleration, dx=PLANNED_STEP, initial=0.0)

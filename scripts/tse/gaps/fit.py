@@ -1,6 +1,6 @@
-"""Fit stiffness and effect parameters to a problem by least squares, and compare two fits
-by the ratio of residual rms to sensor noise, with paired block-bootstrap intervals. Fits
-can also be compared on logs that were not fitted.
+"""Fit stiffness and effect parameters to logs by least squares, and compare two fits by
+the ratio of residual rms to sensor noise, with paired block-bootstrap intervals. Two fits
+can also be compared on logs to which they were not fitted.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from tse.gaps.catalogue import CatalogueParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# Ratio of residual rms to sensor noise up to which the model explains a channel.
-# It is above 1 because the noise is known only to some percent, and because inputs
-# are smoothed.
+# Max ratio of residual rms to sensor noise at which the model counts as explaining a
+# channel. It is above 1, because the noise is known only to a few percent and because
+# the inputs are smoothed.
 NOISE_LIMIT = 1.2
 MAX_LAG = 4.0  # [s] max lag of the autocorrelation that is computed
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
-TOGETHER = 2.0  # [s] length of the blocks of residuals that are resampled
+TOGETHER = 2.0  # [s] length of the blocks of residuals that the bootstrap resamples
 DRAWS = 1000  # number of bootstrap samples
 SEED = 1  # seed of the bootstrap
 
@@ -30,10 +30,11 @@ SEED = 1  # seed of the bootstrap
 class Fit:
     """A fitted model."""
 
-    parameters: list[CatalogueParameter]  # those that were fitted
+    parameters: list[CatalogueParameter]  # the fitted parameters
     values: dict[Key, float]
-    residuals: np.ndarray  # whitened
-    jacobian: np.ndarray  # of the residuals with respect to the parameters
+    residuals: np.ndarray  # whitened residuals at these values
+    # partial derivatives of the residuals (rows) with respect to the parameters (columns)
+    jacobian: np.ndarray
 
 
 def fit_parameters(
@@ -43,8 +44,11 @@ def fit_parameters(
     most: int = 12,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Fit the parameters by least squares. Parameters without a value in `start` start at
-    their default. `most` is the limit of the number of evaluations.
+    """Fit the parameters by least squares, with the priors of those that have one.
+
+    The fit starts at the values of `start`, and at the default of a parameter that is not
+    in `start`. It ends after at most `most` evaluations of the residuals, or if the
+    relative change of the sum of squares is below `tolerance`.
     """
     parameters = list(parameters)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
@@ -90,7 +94,8 @@ def fit_parameters(
 def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the integrated autocorrelation time of each channel's residuals, in blocks.
 
-    It is at least 1. So many blocks have the information of one independent block.
+    It is the number of correlated blocks that together have the information of one
+    independent block, and at least 1.
     """
     found = {}
     for channel, _ in problem.used():
@@ -119,10 +124,10 @@ def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 
 def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the sum of squared residuals less the part expected from sensor noise,
-    for each channel.
+    """Return, for each channel, the sum of squared residuals minus the sum expected from
+    sensor noise, and at least 0.
 
-    If the noise of a channel was raised to its floor, the expected part is that of the
+    If the noise sd of a channel was raised to a floor, the expected sum is that of the
     original noise, so that the floor does not reduce the gap.
     """
     return {
@@ -137,11 +142,12 @@ def compute_excess(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
-    """Return the covariance of the parameters of a fit, for correlated residuals.
+    """Return the covariance of the parameters of a fit, with correlated residuals taken
+    into account.
 
-    It is a sandwich estimate with the autocorrelation of each channel. If the form of the
-    model differs from the car, the covariance from sensor noise alone would be 2 to 15
-    times too small.
+    It is a sandwich estimate from the mean square and autocorrelation of each channel's
+    residuals. If the model lacks an effect of the car, a covariance from sensor noise
+    alone would be 2 to 15 times too small.
     """
     length = compute_correlation_lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
@@ -158,12 +164,12 @@ def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ChannelChange:
-    """The residual of one channel with two models."""
+    """The residuals of one channel with a first and a second model."""
 
-    before: float  # ratio of rms to noise with the first model
-    after: float  # the same with the second model
-    change: float  # relative change of the rms
-    ci95: tuple[float, float]  # 95 % interval of the change
+    before: float  # ratio of residual rms to sensor noise with the first model
+    after: float  # ratio of residual rms to sensor noise with the second model
+    change: float  # relative change of the rms, after / before - 1
+    ci95: tuple[float, float]  # 95 % interval of `change`
 
     @property
     def better(self) -> bool:
@@ -171,8 +177,9 @@ class ChannelChange:
 
 
 def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, ChannelChange]:
-    """Compare two models channel by channel. `before` and `after` are their whitened
-    residuals of the same logs. The bootstrap has a fixed seed.
+    """Compare two models for each channel. `before` and `after` are the whitened
+    residuals of the first and the second model in the same logs. The bootstrap has a
+    fixed seed.
     """
     rng = np.random.default_rng(SEED)
     found = {}

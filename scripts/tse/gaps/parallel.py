@@ -1,5 +1,5 @@
-"""Run work in parallel in forked copies of this process. It serves work for which threads
-would mostly wait for Python's global lock.
+"""Run work in parallel in forked copies of this process, if threads would mostly wait for
+Python's global interpreter lock.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-# Function and arguments. The copies inherit them, because a closure cannot be pickled.
+# The function to run and the list of its arguments. The copies inherit this variable when
+# the process is forked, because a closure cannot be pickled and sent to them.
 _work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
-_copy = False
+_copy = False  # True in a copy
 
 
 def is_copy() -> bool:
@@ -25,12 +26,14 @@ def is_copy() -> bool:
 def run_in_processes(
     jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
 ) -> list[Any]:
-    """Return the results of `do` for each of `asked`, computed in up to `jobs` processes.
+    """Return the results of `do` for each argument in `asked`, computed in up to `jobs`
+    processes.
 
-    Each process is a copy of this one. It sends back `light` of each result. Other
-    changes that it makes in memory are lost. On systems other than Linux, threads are
-    used, and their changes are kept. So `do` must work the same whether changes are
-    kept or lost.
+    Each process is a forked copy of this one. It applies `light` to each result and sends
+    back what `light` returns, for example the result without large arrays. All other
+    changes that a copy makes in memory are lost. On systems other than Linux, threads are
+    used instead, whose changes in memory are kept and whose results do not pass through
+    `light`. So `do` must work the same in both cases.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

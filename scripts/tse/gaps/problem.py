@@ -1,10 +1,11 @@
-"""The comparison of a simulation of all logs with their measurements. The difference,
-divided by the sensor noise, is the residual.
+"""Compare the measurements of all logs with a simulation. The difference, divided by the
+sd of the sensor noise, is the residual.
 
 Stiffness and effect parameters have one value for all logs. The bias of each sensor has
-one value in each log. It is found in closed form, because residuals are linear in it.
-Residuals are means over blocks of 40 ms, divided by the sd that the sensor noise has in
-such a mean. With a perfect model their variance is 1.
+one value for each log. It is computed in closed form, because residuals are linear in
+it. Measurements and simulation are averaged over blocks of 40 ms before they are
+compared, and the difference is divided by the sd of the noise of such a mean. With a
+perfect model the residuals have variance 1.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
 from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
+# The stiffness parameters: ratio of each stiffness to its value in the vehicle file
 STIFFNESS_PARAMETERS = tuple(
     CatalogueParameter(
         name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
@@ -31,23 +33,25 @@ STIFFNESS_PARAMETERS = tuple(
 )
 
 
-# Latencies of channels in addition to those of the vehicle file. They are not settings of
-# the simulation, but shift the measurements in time.
+# Names of fitted latencies [s], which are added to the latencies of the vehicle file.
+# They are not settings of the simulation, but shift channels of the log in time.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Log, channel and time of each entry of a residual vector."""
+    """Log, channel and time of each entry of a residual vector, which holds the blocks of
+    all logs and channels.
+    """
 
     log: np.ndarray  # index of the log
     channel: np.ndarray  # index in COMPARED_CHANNELS
     time: np.ndarray  # [s] mean time of the block
-    block: np.ndarray  # index of the block; channels of the same time have the same index
-    group: np.ndarray  # index of the pair of log and channel, whose entries share a bias
+    block: np.ndarray  # index of the block; the channels of a log share the indices
+    group: np.ndarray  # index of the pair of log and channel, which has one bias
 
     def of(self, channel: str) -> np.ndarray:
-        """Return for each entry True if it belongs to this channel."""
+        """Return a mask that is True for the entries of this channel."""
         return self.channel == COMPARED_CHANNELS.index(channel)
 
 
@@ -61,11 +65,11 @@ class Problem:
         self.notes = [n for log in logs for n in log.notes]
         self.config = config
         self.jobs = max(1, jobs)
-        # Values that replace those of the settings and are not fitted
+        # Values that replace values of the vehicle file, but are not fitted
         self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
         self.given = {name: self.nominal[name] for name in list_signed_delays()}
-        if self.logs:  # a drift of the stiffness is defined over the duration of the longest log
+        if self.logs:  # the effect stiffness_drift refers to the duration of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
             {c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs
@@ -88,8 +92,9 @@ class Problem:
     def measure(self, values: Mapping[Key, float]) -> None:
         """Replace the measurements by a simulation of a car with these values.
 
-        A thousandth of the sensor noise is added, so that the sum of squares of a perfect
-        fit is not 0 and its relative change can become small.
+        Noise with a thousandth of the sd of the sensor noise is added. Without it, the
+        sum of squares of a perfect fit would be 0, and the fit would not end by the
+        criterion of a small relative change.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
@@ -138,8 +143,8 @@ class Problem:
                 mean, count = average_blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
-                # Number of values in a block, which is small for a slow sensor. Blocks
-                # with at most half as many are not used.
+                # Median number of measured values in a block. Blocks with at most half
+                # as many values get the weight 0.
                 usual = float(np.median(count[count > 0])) if count.any() else 1.0
                 weight.append(np.where(count > 0.5 * usual, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
@@ -164,28 +169,29 @@ class Problem:
         return np.where(w > 0, y, 0.0), w, rows
 
     def _compute_noise_energy(self) -> np.ndarray:
-        """Return the expected square of the noise in each entry of the residuals.
+        """Return the expected square of each residual if it is sensor noise only.
 
-        It is 1, and less than 1 for channels whose noise was raised to its floor.
+        It is 1. It is less than 1 for channels whose noise sd was raised to a floor,
+        because residuals are divided by the raised sd.
         """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield each channel, and for each entry of the residual vector True if it is a
-        measurement of this channel.
+        """Yield the name of each channel, and a mask that is True for the entries of the
+        residual vector that are measurements of this channel.
         """
         for c in np.unique(self.rows.channel):
             yield COMPARED_CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
-        """The measurements, one for each entry of the residual vector. NaN if missing."""
+        """The measurements, one for each entry of the residual vector. NaN: missing."""
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def average_quantity(self, name: str) -> np.ndarray:
-        """Return an input or a measurement as block means, one for each entry of
-        the residual vector.
+        """Return the block means of an input or a measurement, one for each entry of the
+        residual vector: the means of a log are repeated for each of its channels.
         """
         parts = []
         for log in self.logs:
@@ -198,25 +204,27 @@ class Problem:
 
     def make_config(self, values: Mapping[Key, float]) -> Config:
         """Return the settings of the simulation with these values of the effects.
-        Stiffness and latencies are not settings here: see get_stiffness_ratios() and
-        get_latencies().
+
+        Stiffness and delays have their nominal values in the result, because simulate()
+        gets them as arguments of their own: see stiffness() and later().
         """
         values = drop_log_values(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *list_signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def get_stiffness_ratios(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Return the ratio of each stiffness to that of the vehicle file."""
+        """Return the ratio of each stiffness to its value in the vehicle file."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def get_latencies(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Return the latencies of channels in addition to those of the vehicle file, s.
+        """Return for each channel the latency [s] that is added to its latency in the
+        vehicle file.
 
-        The delays of steering and IMU are treated as latencies of the input
-        channels, with either sign. If the steering is delayed, the wheels turn after
-        the logged angle. If the IMU is delayed, its values come after the channels
-        that drive the model.
+        The fitted delays of steering and IMU are converted to latencies of the inputs. A
+        delay of the IMU has the same effect as a negative latency of all inputs: steering
+        angle and wheel speeds. If the steering is delayed, the wheels turn after the
+        logged angle, which has the same effect as a negative latency of that angle.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
@@ -235,8 +243,8 @@ class Problem:
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
     def interpolate_profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
-        """Return bank and grade along a log, interpolated linearly between the values of
-        their profiles. Profiles that are 0 are left out.
+        """Return bank and grade [rad] in each row of the log with index i, interpolated
+        linearly between the knots. A profile whose values are all 0 is left out.
         """
         values = self.fixed | dict(values)
         found = {}
@@ -249,8 +257,8 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Return the simulated measurements without bias, one for each entry of
-        the residual vector.
+        """Return the block means of the simulated measurements, one for each entry of the
+        residual vector. They contain no sensor bias.
         """
         config, later, parts = self.make_config(values), self.get_latencies(values), []
         for i, log in enumerate(self.logs):
@@ -269,18 +277,19 @@ class Problem:
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
-        """Return predict() for each of many sets of values, computed in up
-        to `jobs` threads.
+        """Return the result of predict() for each set of values in `asked`, computed in
+        up to `jobs` threads.
         """
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
-        # The library releases Python's global lock while it simulates.
+        # Threads run in parallel here, because the library releases Python's global
+        # interpreter lock while it simulates.
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
-    def simulate_channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return simulated quantities as block means, one for each entry of
-        the residual vector.
+    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Return the block means of simulated quantities, one for each entry of the
+        residual vector: the means of a log are repeated for each of its channels.
         """
         config = self.make_config(values)
         later = self.get_latencies(values)
@@ -299,15 +308,15 @@ class Problem:
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def compute_residuals(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Return measured minus simulated minus bias, divided by the noise of a block."""
+        """Return the whitened residuals: (measured - simulated - bias) / sd of noise."""
         return self.whiten(self._measured - self.predict(values))
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
-        """Subtract the bias of each log and sensor, and divide by the noise."""
+        """Subtract the bias of each log and channel, and divide by the sd of noise."""
         return self.weight * self.subtract_bias(difference)
 
     def subtract_bias(self, difference: np.ndarray) -> np.ndarray:
-        """Subtract the bias of each log and sensor: its weighted mean difference."""
+        """Subtract the bias of each log and channel: the weighted mean of its entries."""
         w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
@@ -316,12 +325,13 @@ class Problem:
     def generate_moves(
         self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """Change the parameters by `reach` times their steps. Yield these changes, by
-        index of the parameter, and the result of predict() with them.
+        """Simulate with changed parameters, for finite differences. For each simulation
+        yield a dict, index of a changed parameter -> its change, and the result of
+        predict().
 
-        Each simulation changes one parameter. Values of road profiles are an exception:
-        those of different logs act on different residuals, so one simulation changes one
-        value in each log.
+        A change is `reach` times the step of the parameter. Each simulation changes one
+        parameter, except for road profiles: a value of one log has no influence on the
+        residuals of another, so one simulation changes one value in every log.
         """
 
         def shifted(p: CatalogueParameter) -> float:
@@ -346,7 +356,9 @@ class Problem:
         reach: float = 1.0,
     ) -> np.ndarray:
         """Return the partial derivatives of the whitened residuals with respect to the
-        parameters, by finite differences of `reach` steps.
+        parameters, by finite differences over `reach` times the step of each parameter.
+
+        `base` are the whitened residuals at `values`.
         """
         slopes = np.zeros((len(base), len(parameters)))
         for run, predicted in self.generate_moves(values, parameters, reach):

@@ -1,9 +1,9 @@
-"""Compute how disturbances at a place of the car change the channels, for many
-disturbances at once.
+"""Compute how a disturbance at one place of the model, such as a yaw moment, changes the
+simulated channels. Many disturbances are computed at once.
 
 The single-track model is linearised about straight driving at the current speed, and
-integrated with one step for each block. This is accurate enough to choose the
-disturbances that are then simulated with the full model.
+integrated with one step per block. This is accurate enough to choose the disturbances
+that are then simulated with the full model.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-# [m/s2] A further place, at which formulas cannot act: the component of gravity along a
-# banked road. It accelerates the car, but an accelerometer does not measure it.
+# A place in addition to those of formulas: the component of gravity [m/s2] along a banked
+# road. It accelerates the car sideways, but accelerometers do not measure it.
 ROAD_BANK = "bank"
+# quantities of the simulation that compute_signals() uses
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
 def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-    """Return the signals that formulas use, and the time step dt in s, for each log with
-    one value for each block.
+    """Return for each log a dict of the signals that formulas may use, with one value per
+    block. Keys are the names of the signals in formulas, and `time` and `dt`, the time of
+    a block and the time step to it [s].
 
-    The signals have their names in formulas. They are taken from inputs and simulation,
-    not from measurements.
+    The signals are computed from inputs and simulation, not from measurements.
     """
     c, rows = problem.make_config(values), problem.rows
     simulated = problem.simulate_channels(values, SIMULATED)
@@ -57,7 +58,7 @@ def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[
 
 
 def _fill_gaps(x: np.ndarray) -> np.ndarray:
-    """Return a signal with missing blocks interpolated between their neighbours."""
+    """Return a signal whose missing blocks (NaN) are interpolated linearly."""
     bad = ~np.isfinite(x)
     if bad.any() and not bad.all():
         x = x.copy()
@@ -72,11 +73,12 @@ def compute_responses(
     place: str,
     forms: list[np.ndarray],
 ) -> np.ndarray:
-    """Return the change of the whitened residuals if each form is added at a place.
+    """Return, for each form, the change of the whitened residuals if the form acts as a
+    disturbance at `place`. A form is a formula without its coefficient.
 
-    The result has the shape (entries, forms). `at` is the result of
-    compute_signals(). `forms` has for each log an array of the shape (blocks, forms),
-    in the unit of the place.
+    The result has the shape (entries of the residual vector, forms). `at` is the result
+    of compute_signals(). `forms` has for each log an array with the values of the forms,
+    of the shape (blocks, forms), in the unit of the place.
     """
     c, rows = problem.make_config(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
@@ -94,15 +96,19 @@ def compute_responses(
 def _move_simulation(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the change of the simulated channels of one log by the disturbances `u` at a
-    place. `k` is the ratio of each stiffness to the settings.
+    """Return how the disturbances `u` at a place change the simulated channels of one
+    log: channel -> array of the shape of `u`, (blocks, disturbances).
+
+    `k` has the ratio of each stiffness to its setting. `s` has the signals of the log.
     """
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], MIN_FIT_SPEED), c.mass
-    # mean of the disturbance over the step that ends at a block
+    # mean of each disturbance over the time step that ends at each block
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
-    if place == "force_x":  # the prescribed wheel speeds restore the speed: dx/dt = u - along x/(m v)
+    if place == "force_x":
+        # x is the change of speed. Through the slip, the prescribed wheel speeds
+        # counteract it: dx/dt = u - along x / (m v).
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
@@ -112,7 +118,7 @@ def _move_simulation(
         return {"accel_x": out}
     front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
     turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
-    across, turning = {  # lateral [m/s2] and yaw acceleration [rad/s2] for a disturbance of 1
+    across, turning = {  # lateral [m/s2] and yaw acceleration [rad/s2] by a disturbance of size 1
         "front_angle": (front / m, c.lf * front / c.yaw_inertia),
         "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),
@@ -124,7 +130,7 @@ def _move_simulation(
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])
-    felt = 0.0 if place == ROAD_BANK else across  # an accelerometer does not measure gravity's part
+    felt = 0.0 if place == ROAD_BANK else across  # accelerometers do not measure gravity along the road
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]

@@ -1,10 +1,11 @@
-"""Compute the smallest size of each effect that the logs could show. No effect need be
-searched for this.
+"""Compute the smallest size at which each effect would be visible in the logs, without
+fitting the effect.
 
-Near a fitted model, an effect of the size s changes the whitened residuals by s times
-their partial derivatives. The part of this change that the stiffness and the named
-effects can compensate is removed. The effect is visible if the remaining change gives
-compute_threshold() nats, at the present size of the residuals.
+Near a fitted model, an effect of size s changes the whitened residuals by s times their
+partial derivatives. The part of this change that the stiffness and the effects in the
+fit can compensate is removed. The effect is visible if the rest of the change, relative
+to the present size of the residuals, gives a log likelihood ratio of at least
+compute_threshold().
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ ROAD_WAVELENGTH = 400.0  # [m] wavelength of the sinusoidal road profile that re
 
 @dataclass(frozen=True)
 class Detectable:
-    """Smallest size at which one effect is visible, and the share
-    that stiffness absorbs.
-    """
+    """The smallest size at which one effect is visible."""
 
     id: str
     parameter: str
     unit: str
     smallest: float  # inf if the effect is not visible at any size within its limits
     typical: float
-    absorbed: float  # share of its change of the residuals that stiffness and named effects compensate
+    # share of the effect on the residuals (mean square) that the stiffness and the
+    # effects in the fit can compensate
+    absorbed: float
 
     @property
     def visible(self) -> bool:
@@ -46,7 +47,7 @@ class Detectable:
 
 def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
     """Return the smallest visible size of each effect. If an effect has several
-    strengths, the most visible one counts.
+    strengths, it is the one with the smallest ratio of visible to typical size.
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
@@ -88,8 +89,10 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
 
 
 def _make_wave(slopes: np.ndarray, parameters: Sequence[CatalogueParameter]) -> np.ndarray:
-    """Return the derivatives with respect to the rms of a sinusoidal road profile with
-    the wavelength ROAD_WAVELENGTH, as a matrix of one column.
+    """Return the partial derivatives of the residuals with respect to the rms of a
+    sinusoidal road profile with wavelength ROAD_WAVELENGTH, as a matrix of one column.
+
+    `slopes` has the partial derivatives with respect to the values at the knots.
     """
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / ROAD_WAVELENGTH)))[:, None]

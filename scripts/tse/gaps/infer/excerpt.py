@@ -1,14 +1,17 @@
-"""Choose the most informative stretches of long logs. Sets of effects and formulas are
-searched in these stretches, and the result is fitted to the whole logs.
+"""Choose the most informative stretches of long logs (the excerpt). Missing effects and
+formulas are searched for in the excerpt only, and the result is then fitted to the whole
+logs.
 
-The information matrix of a stretch is that of stiffness and every effect of the
-catalogue, in units of their prior sds, from the partial derivatives of the residuals of
-the model without effects. These residuals themselves are a further column, so that
-stretches which the model does not explain are informative, too.
+The information matrix of a stretch is J'J / sd^2. The columns of J are the partial
+derivatives of the residuals with respect to stiffness and every effect of the catalogue,
+at the model without effects and in units of the prior sds. The residuals of that model
+are a further column of J, so that stretches which the model does not explain are
+informative, too.
 
-The stretches are chosen one by one. Each is the one that adds most to ln det of the
-information of those chosen before (a Bayesian D-optimal design, Chaloner & Verdinelli
-1995). So after a lane change, a second one adds less than the first braking.
+The stretches are chosen one by one. The next stretch is always the one that most
+increases ln det of the sum of the information matrices (a Bayesian D-optimal design,
+Chaloner & Verdinelli 1995). So if a lane change has been chosen, a second lane change
+adds less information than a first braking.
 """
 
 from __future__ import annotations
@@ -26,29 +29,30 @@ from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
-# [s] Length of the pieces that are chosen from: one or two manoeuvres. The first BURN_IN
-# of each piece is lost.
+# [s] Length of the pieces into which logs are cut for the choice: one or two manoeuvres.
+# The first BURN_IN of each piece is not compared.
 EXCERPT_PIECE_TIME = 15.0
-# sd of the residuals with which a piece counts, in units of the noise of a block. It is
-# far above 1 because models are not more accurate. With a smaller sd the first few pieces
-# would determine everything, and the choice of the later ones would be arbitrary.
+# sd of the residuals in the information matrix of a piece, in units of the sensor noise
+# of a block. It is far above 1, because it stands for the errors of the model, too. With
+# a smaller sd, the first few pieces would determine all parameters, and the choice of the
+# later pieces would be arbitrary.
 ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem) -> bool:
-    """Return whether the logs are so long that stretches should be chosen: longer
-    than twice MAX_SECONDS.
+    """Return whether the logs are so long that stretches are chosen: together longer than
+    twice MAX_SECONDS.
     """
     return sum(log.seconds for log in problem.logs) > 2.0 * MAX_SECONDS
 
 
 def choose_excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """Return the problem with only the most informative stretches, about
-    MAX_SECONDS in all.
+    """Return the problem with only the most informative stretches of its logs, about
+    MAX_SECONDS in total.
 
-    A problem that is not long (is_long()) is returned unchanged. `baseline` is the fit of
-    the problem without effects. The cost is one simulation of all logs for each parameter
-    of the catalogue.
+    If the logs are not long (is_long()), the problem is returned unchanged. `baseline` is
+    the fit of the problem without effects. The computing time is one simulation of all
+    logs for each parameter of the catalogue.
     """
     if not is_long(problem):
         return problem
@@ -75,8 +79,9 @@ def choose_excerpt(problem: Problem, baseline: Fit) -> Problem:
 def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], limit: float) -> list[int]:
     """Return the indices of the most informative pieces, in the order of their choice.
 
-    Pieces are added until their total length `seconds` reaches `limit`. `information` has
-    their information matrices, in units in which that of the prior is the identity.
+    `information` and `seconds` have the information matrix and the length of each piece.
+    Pieces are added until their total length reaches `limit`. The information of the
+    prior is the identity matrix.
     """
     total = np.eye(len(information[0])) if information else np.zeros((0, 0))
     left, chosen, length = list(range(len(information))), [], 0.0
@@ -89,8 +94,8 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
 
 
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
-    """Return the stretches of a log cut into pieces of the length EXCERPT_PIECE_TIME.
-    The simulation of each piece starts anew, so its first BURN_IN is not compared.
+    """Cut the stretches of a log into pieces of the length EXCERPT_PIECE_TIME and return them. Each
+    piece is simulated on its own, so its first BURN_IN is not compared.
     """
     found = []
     length = round(EXCERPT_PIECE_TIME / log.step) // log.rows_per_block * log.rows_per_block
@@ -106,9 +111,9 @@ def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
 
 
 def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
-    """Return a matrix with the partial derivatives of the residuals with respect
-    to stiffness and strengths, in units of their prior sds. The residuals are
-    its last column.
+    """Return the matrix J of the module's docstring for all logs: the partial derivatives
+    of the residuals with respect to stiffness and strengths, times the prior sds of
+    these, and the residuals as the last column.
     """
     asked = make_hypotheses()
     parameters: list[CatalogueParameter] = [

@@ -1,12 +1,13 @@
-"""Compute the residuals of a set of effects in pieces of the logs that were left out of
-the fit (cross-validation).
+"""Test a set of effects by cross-validation: compute its residuals in pieces of the logs
+that are left out of the fit.
 
-The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distributed over
-FOLDS folds. The fit is not repeated for each fold, but linearised. If the rows of one
-fold are left out, the parameters x change by d, where
+The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distributed over FOLDS folds.
+The fit is not repeated for each fold, but linearised. If the rows of one fold are left
+out, the parameters change by d, where
     H d = w J'e.
-H is the information of the other folds with the prior. J, e and w are the derivatives,
-residuals and weights of the fold that is left out. Its residuals become e + J d.
+H is the information matrix of the other folds and the prior. J, e and w are the partial
+derivatives, residuals and weights of the fold that is left out. The residuals of this
+fold become e + J d.
 """
 
 from __future__ import annotations
@@ -15,19 +16,21 @@ import numpy as np
 
 from tse.gaps.infer.search import Judged
 
-FOLDS = 5
+FOLDS = 5  # number of folds
 FOLD_PIECE_TIME = 10.0  # [s] length of a piece: one or two manoeuvres
 
 
 def compute_held_out(judged: Judged) -> dict[str, float]:
-    """Return for each channel the sum of squared residuals over all folds, each fold left
-    out of the fit in turn. Residuals are in units of the noise."""
+    """Return for each channel the sum of squared residuals over all folds. The residuals
+    of a fold are those of a fit without it, in units of the sensor noise.
+    """
     space, fit = judged.space, judged.fit
     assert space is not None and fit is not None
     folds = [(time // FOLD_PIECE_TIME).astype(int) % FOLDS for time in space.time]
     found = dict.fromkeys(space.channels, 0.0)
     weights = [fit.scales[c].sd ** -2 for _, c in space.groups]
-    # Rows have equal weights here. In the fit, large residuals have smaller weights.
+    # All rows of a channel have the same weight here. In the fit, large residuals have
+    # smaller weights.
     whole = space.information + sum(w * j.T @ j for w, j in zip(weights, fit.slopes[0], strict=True))
     for k in range(FOLDS):
         mine = [(e[f == k], j[f == k]) for e, j, f in zip(fit.residuals, fit.slopes[0], folds, strict=True)]

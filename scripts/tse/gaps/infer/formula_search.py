@@ -1,14 +1,15 @@
-"""Search a formula, and the place where it acts, for what the named effects leave.
+"""Search for a formula that explains the residuals left by the named effects, and for the
+place of the model at which it acts.
 
-All forms at all places are first compared in a linearisation. Those with the largest
-expected gain are then simulated, with stiffness, named effects and the numbers of
-the formula fitted together. If there are held-out logs, they decide whether a
-formula is proposed.
+A form is a formula without its coefficient (formula_terms.py). All forms at all places
+are first compared in a linearised model. Those with the largest expected gain are then
+simulated, with stiffness, named effects and the numbers of the formula fitted together.
+If there are held-out logs, they decide whether a formula is proposed.
 
-The gain of a formula in nats is a sum over the channels: half the number of
-independent residuals, times ln of the ratio of their sums of squares before and after.
-By the logarithm no channel dominates the others. PRICE is subtracted for each
-operation and number.
+The gain of a formula in nats is a sum over the channels: half the number of independent
+residuals, times ln(sum of squares before / sum of squares after). Because of the
+logarithm, no channel dominates the others. PRICE is subtracted for each operation and
+each number of the formula.
 """
 
 from __future__ import annotations
@@ -38,21 +39,22 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
-# [nat] Price of each operation and number of a formula. It makes up for the number of
-# formulas tried: some hundred forms times places times sizes, which are about 12 nats.
+# [nat] Price of each operation and each number of a formula. It compensates for the
+# number of formulas that are tried (multiple comparisons): the product of the numbers of
+# forms, places and sizes, whose ln is about 12.
 PRICE = 2.0
 FITTED = 6  # number of candidates that are simulated
 PER_PLACE = 3  # max number of these candidates at one place
-# A form is not fitted if the gap at the start of its fit is more than so many times the
-# gap without a formula.
+# Max ratio of the gap at the start of a fit to the gap without a formula. A form with a
+# larger ratio is not fitted.
 MAX_WORSE = 100.0
 MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
-# If the rms of a channel of the held-out logs rises by more than this share, the formula
-# is not proposed.
+# If the rms of a channel of the held-out logs rises significantly by more than this
+# share, the formula is not proposed.
 MIN_HARM = 0.01
 MAX_FORM_EVALUATIONS = 15  # max number of evaluations of a fit
 FORMS_AT_A_TIME = 64  # number of forms that are compared at a time, which limits the memory
-# [%] The range of a signal is that from its quantile HALF to its quantile 100 - HALF.
+# [%] The driven range of a signal extends from percentile HALF to percentile 100 - HALF.
 HALF = 0.5
 
 
@@ -64,13 +66,16 @@ class Discovery:
     """
 
     formula: Formula | None
-    fit: Fit | None  # its residuals have the weights of the problem, not balanced ones
-    nats: float = 0.0  # gain less the price
-    share: float = 0.0  # share of the remaining gap that it closes
-    price: float = 0.0  # [nat] price of its length
-    limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # number -> low, high
-    changes: dict[str, ChannelChange] = field(default_factory=dict)  # change of the held-out logs
-    # all candidates: place, formula, nats, share, and whether held-out logs confirm them
+    fit: Fit | None  # residuals are weighted by the sensor noise, not as in Frame.balanced
+    nats: float = 0.0  # gain - price
+    share: float = 0.0  # share of the remaining gap that the formula closes
+    price: float = 0.0  # [nat] price of the formula, by its length
+    # name of a number of the formula -> lower and upper limit of the fit
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # channel -> change of the residuals of the held-out logs by the formula
+    changes: dict[str, ChannelChange] = field(default_factory=dict)
+    # for each simulated candidate: place, formula, nats, share, and held_out, which is
+    # True if the candidate is confirmed (_choose_formula())
     tried: list[dict] = field(default_factory=list)
     words: list[str] = field(default_factory=list)
 
@@ -86,14 +91,15 @@ class Frame:
     """Data that all candidates have in common."""
 
     problem: Problem
-    # The problem with reduced weights. Without a formula no channel's residuals have an
-    # rms above 1, so that no channel dominates the fit.
+    # The problem with smaller weights for channels with large residuals: without a
+    # formula the residuals of each channel have at most the rms 1. So no channel
+    # dominates the fit.
     balanced: Problem
     last: Fit  # the fit without a formula
-    values: dict[str, float]
-    length: dict[str, float]  # compute_correlation_lengths()
-    at: list[dict[str, np.ndarray]]  # compute_signals()
-    full: float  # compute_excess(): the gap without a formula
+    values: dict[str, float]  # the values of `last`
+    length: dict[str, float]  # result of compute_correlation_lengths()
+    at: list[dict[str, np.ndarray]]  # result of compute_signals()
+    full: float  # the gap without a formula: result of compute_excess()
 
     @classmethod
     def of(cls, problem: Problem, last: Fit) -> Frame:
@@ -114,17 +120,18 @@ class Frame:
         )
 
     def compute_worth(self, residuals: np.ndarray) -> float:
-        """Return the gain of a formula with these residuals."""
+        """Return the gain [nat] of a formula with which the fit has these residuals."""
         return compute_worth(self.problem, self.last.residuals, residuals, self.length)
 
 
 def compute_worth(
     problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]
 ) -> float:
-    """Return the gain in log likelihood [nat] from the residuals `before` to `after`.
+    """Return the gain in log likelihood [nat] if the residuals change from `before` to
+    `after`.
 
-    `length` is the correlation length of each channel: the number of blocks that have the
-    information of one independent block.
+    `length` is the correlation length of each channel: the number of blocks that together
+    have the information of one independent block.
     """
     total = 0.0
     for c, mine in problem.used():
@@ -143,26 +150,28 @@ def discover_formula(
 ) -> Discovery:
     """Find the formula that explains most of the residuals of a fit.
 
-    `last` is the fit of `problem` with all named effects. `held` are the held-out logs
-    that decide. Each of the FITTED candidates costs some ten simulations of all logs,
-    about a minute in total for some minutes of log.
+    `last` is the fit of `problem` with all named effects. `held` has the held-out logs,
+    which decide whether a formula is proposed; None: there are none. Each of the FITTED
+    candidates needs about ten simulations of all logs. In total they take about a minute
+    if the logs are a few minutes long.
     """
     frame = Frame.of(problem, last)
     places = _list_places(problem)
-    say(f"searching a formula: {sum(len(terms.list_forms(p)) for p in places)} forms at {len(places)} places")
+    forms = sum(len(terms.list_forms(p)) for p in places)
+    say(f"searching for a formula: {forms} forms at {len(places)} places")
     listed = sorted((x for p in places for x in screen_forms(frame, p)), key=lambda x: -x[0])
     chosen = _choose_diverse(listed)
     tried: list[Discovery] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
-        say(f"searching a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
+        say(f"searching for a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
         tried += _fit_formula(frame, place, term, coefficient)
     tried.sort(key=lambda c: -c.nats)
     return _choose_formula(frame, tried, held)
 
 
 def _list_places(problem: Problem) -> list[str]:
-    """Return the places whose channels are logged, so that a formula there
-    can be fitted.
+    """Return the places at which a formula can be fitted, because the channels that it
+    changes are logged.
     """
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
@@ -172,8 +181,11 @@ def _list_places(problem: Problem) -> list[str]:
 def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return the FITTED most promising candidates. Each form occurs at a place only with
-    its best size, and at most PER_PLACE candidates are at one place.
+    """Return the FITTED most promising candidates, of which at most PER_PLACE act at the
+    same place. If a form was listed at a place with several start values of its numbers,
+    only the best of them is used.
+
+    `listed` has the results of screen_forms(), sorted by falling gain.
     """
     found: list[tuple[float, str, FormulaTerm, float]] = []
     for one in listed:
@@ -190,12 +202,12 @@ def _choose_diverse(
     return found
 
 
-# ---- in the linearisation
+# ---- comparison of forms in the linearised model
 
 
 def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return (expected gain less price, place, form, coefficient) of each form
-    at a place.
+    """Return for each form at a place: (expected gain - price [nat], place, form,
+    coefficient).
 
     Stiffness and named effects are fitted together with the coefficient.
     """
@@ -209,10 +221,10 @@ def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm
 
 
 def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
-    """Return (expected gain in nats, coefficient) of each form, in the linearisation.
+    """Return for each form: (expected gain [nat], coefficient), in the linearised model.
 
-    `logs` has for each log the values of the forms, an array of the
-    shape (blocks, forms).
+    `logs` has for each log the values of the forms, an array of the shape (blocks,
+    forms).
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
@@ -234,14 +246,15 @@ def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> l
     return [(float(n), float(v)) for n, v in zip(nats, x / size, strict=True)]
 
 
-# ---- with the full simulation
+# ---- fit of candidates with the full simulation
 
 
 def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float) -> list[Discovery]:
-    """Return a list with the formula, fitted together with stiffness and named effects.
+    """Fit a formula together with stiffness and named effects. Return it in a list of
+    length 1.
 
     The list is empty if the formula is too long for the library, or if the gap at the
-    start of the fit is more than MAX_WORSE times the gap before.
+    start of the fit is more than MAX_WORSE times the gap without a formula.
     """
     try:
         formula = terms.make_formula(place, term, coefficient)
@@ -258,8 +271,9 @@ def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float
 def refit(
     frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float
 ) -> Discovery:
-    """Fit stiffness, named effects and the numbers of a formula together. `limits` are
-    those of its numbers, and `cost` is its price.
+    """Fit stiffness, named effects and the numbers of a formula together. `limits` has
+    the lower and upper limit of each number, and `cost` is the price of the formula
+    [nat].
     """
     slots = formula.slots
     own = [
@@ -294,19 +308,21 @@ def _make_parameter(
     )
 
 
-# ---- which one
+# ---- choice of the formula
 
 
 def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
-    """Return the confirmed formula with the largest gain over fitted and held-out logs.
+    """Return the confirmed formula with the largest total gain in fitted and held-out
+    logs.
 
-    With held-out logs, a formula is confirmed if no channel of them is significantly
-    worse by more than MIN_HARM, and at least one is significantly better. The numbers of
-    the formula remain those of the fitted logs.
+    A formula must have a positive gain after its price and close at least MIN_SHARE of
+    the gap. With held-out logs, it is confirmed if in addition none of their channels
+    becomes significantly worse by more than MIN_HARM, and at least one becomes
+    significantly better. The formula is not fitted to the held-out logs.
 
-    Without held-out logs, a formula is confirmed only if the residuals exceed
-    NOISE_LIMIT. Otherwise there is nothing to explain, and among so many forms one
-    fits any noise.
+    Without held-out logs, a formula is confirmed only if the residuals of a channel
+    exceed NOISE_LIMIT. Residuals below it are noise, which one of so many forms would
+    always fit.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
@@ -335,19 +351,19 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
             chosen, best = c, total
     if chosen is None:
         why = (
-            "the held-out logs contradict them"
+            "the held-out logs contradict those that close enough of the gap"
             if any(c.changes for c in tried)
             else "none closes enough of the gap"
         )
-        words = [f"No formula is proposed: {len(tried)} were simulated; {why}."]
+        words = [f"No formula is proposed: {len(tried)} formulas were simulated; {why}."]
         return Discovery(None, None, tried=shown, words=words)
     return _add_sentences(frame, replace(chosen, tried=shown))
 
 
 def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """Fit a formula to more logs than it was found in.
+    """Fit the formula that was found in some logs to all logs.
 
-    `last` is the fit of these logs with all named effects.
+    `problem` has all logs, and `last` is the fit of them with all named effects.
     """
     if found.formula is None:
         return found
@@ -357,7 +373,7 @@ def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
 
 
 def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
-    """Return the formula with sentences that describe it."""
+    """Return the result with sentences for the user that describe the formula."""
     formula = _describe_formula(frame, c)
     words = [
         f"A formula closes {100 * c.share:.0f} % of the remaining gap: {formula.text}, at {formula.place}. "
@@ -367,7 +383,9 @@ def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
 
 
 def _describe_formula(frame: Frame, c: Discovery) -> Formula:
-    """Return the formula with the sds of its numbers and the ranges of its signals."""
+    """Return the formula with the sd of each number, and with the range of each signal
+    that was driven in the logs.
+    """
     slots = c.formula.slots
     sd = dict(
         zip(

@@ -1,10 +1,11 @@
-"""The library of forms of formulas, without their coefficients, and the values of their
-numbers that the search tries.
+"""The forms that the search for a formula tries. A form is a formula without its
+coefficient, for example abs(accel_x)*yaw_rate.
 
-A form is one of three kinds: a signal of the car's motion times a factor that depends on
-speed, acceleration or steering; a nonlinear function of a signal; or a signal changed by
-play, dead time, lag, a second-order mode or a rate limit. Each form has a unit. The
-coefficient has the unit that turns it into the unit of the place.
+There are three kinds of forms: a signal of the car's motion times a factor that depends
+on speed, acceleration or steering; a nonlinear function of a signal; and a signal changed
+by play, dead time, lag, a second-order mode or a rate limit. A form may contain numbers,
+such as a time constant, which are tried with several start values. Each form has a unit.
+The unit of its coefficient is the unit of the place divided by the unit of the form.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ import numpy as np
 from tse.car.formula import Formula, Number
 from tse.library.core import library
 
+# Places of the model at which a formula can act
 LATERAL = ("front_angle", "rear_angle", "force_y", "yaw_moment", "accel_y", "yaw_rate")
 LONGITUDINAL = ("force_x", "accel_x")
 
 
 @dataclass(frozen=True)
 class Size:
-    """A number of a form: the value at which its fit starts, and its limits."""
+    """A number in a form, such as a time constant: the value at which its fit starts, and
+    its limits.
+    """
 
     name: str
     value: float
@@ -36,7 +40,11 @@ class Size:
 
 @dataclass(frozen=True)
 class FormulaTerm:
-    """A form. `unit` has the exponents of metre and second."""
+    """A form: a formula without its coefficient.
+
+    `text` is the expression. `unit` has the exponents of metre and second: (1, -2) is
+    m/s2. `sizes` are the numbers in the expression.
+    """
 
     text: str
     unit: tuple[int, int]
@@ -44,7 +52,7 @@ class FormulaTerm:
 
     @property
     def price(self) -> int:
-        """The length of the form: number of operations and parentheses, plus 1."""
+        """Length of the form: number of operators and opening parentheses, plus 1."""
         return sum(self.text.count(c) for c in "+-*/(") + 1
 
 
@@ -52,7 +60,8 @@ class FormulaTerm:
 class Signal:
     """A signal that forms are made of.
 
-    `sizes` are a small, a medium and a large value of it in ordinary driving.
+    `text` is its expression and `units` its unit. `sizes` are a small, a medium and a
+    large value of the signal in ordinary driving.
     """
 
     text: str
@@ -77,7 +86,7 @@ PLAYS = (0.001, 0.003, 0.01)  # [rad] values of half the play of the steering th
 
 
 def format_unit(exponents: tuple[int, int]) -> str:
-    """Return the text of a unit with these exponents of metre and second."""
+    """Return a unit as a string, from the exponents of metre and second."""
 
     def format_part(sign: int) -> str:
         return " ".join(
@@ -117,7 +126,7 @@ def _format_magnitude(s: Signal) -> str:
 
 
 def make_modulators() -> Iterator[FormulaTerm]:
-    """Yield the factors that a signal may be multiplied by."""
+    """Yield the factors by which a signal is multiplied. The first one is 1 (empty)."""
     yield FormulaTerm("", (0, 0))
     yield FormulaTerm(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
@@ -160,8 +169,8 @@ def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_memory(s: Signal) -> Iterator[FormulaTerm]:
-    """Yield a signal after each operation with memory (lag, second-order mode, dead
-    time), and the difference of the result and the signal.
+    """Yield a signal after a lag and after a second-order mode, each also minus the
+    signal, and the signal after a dead time minus the signal.
     """
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
@@ -181,8 +190,8 @@ def add_memory(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[FormulaTerm]:
-    """Yield the changes of a signal by play of these halves, and by limits
-    of its rate.
+    """Yield the change of a signal by play, for each half width in `halves`, and by a
+    limit of its rate, for each limit in `rates`.
     """
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
@@ -205,7 +214,7 @@ def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
 def make_lateral_forms() -> list[FormulaTerm]:
     """Return the forms for the places of LATERAL.
 
-    Most forms change their sign with the direction of the turn. The others, with
+    Most forms have opposite signs in left and right turns. The other forms, of
     acceleration, speed or absolute values, push the car to the same side in all turns.
     """
     found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
@@ -215,7 +224,7 @@ def make_lateral_forms() -> list[FormulaTerm]:
         found += add_memory(s)
     found += add_play(STEER, PLAYS, (0.1, 0.3))
     found += add_play(SIDE, (0.2, 0.8), ())
-    # forms that push the car to the same side, whichever way it turns
+    # forms that push the car to the same side in all turns
     found += [
         FormulaTerm(t, u)
         for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
@@ -254,11 +263,13 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     return found
 
 
-# Forms at a place that are effects of the catalogue already, the proportional one first.
-# accel_x: imu_scale_ax, pitch_leak, latency of accel_x. accel_y: imu_scale_ay, body_roll,
-# latency of accel_y. yaw_rate: gyro_scale. front_angle: steering_ratio, steering_lag,
-# steering_delay. They are left out, because the search of effects has judged them, and
-# the same effect as a formula would have a lower price than as a name.
+# place -> forms that are left out there, because they are effects of the catalogue:
+#   accel_x      imu_scale_ax, pitch_leak, latency of accel_x
+#   accel_y      imu_scale_ay, body_roll, latency of accel_y
+#   yaw_rate     gyro_scale
+#   front_angle  steering_ratio, steering_lag, steering_delay
+# The search for effects has already judged them, and as a formula the same effect would
+# have a lower price than as a named effect.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
@@ -281,7 +292,7 @@ def list_forms(place: str) -> list[FormulaTerm]:
 
 
 def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
-    """Return a form with its coefficient as a formula.
+    """Return the formula `coefficient` times `term`, which acts at `place`.
 
     Raises
     ------
@@ -300,10 +311,10 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
 def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
     """Return the values of a form in the rows of one log, an array of the shape (rows,).
 
-    `signals` has the signals by their names in formulas, `dt` is the time step in s.
+    `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """
-    # The place does not matter here. At front_angle, whose unit is rad, a coefficient of
-    # 1 / (unit of the form) makes the units agree.
+    # A Formula needs a place, which has no influence on the values. At front_angle, whose
+    # unit is rad, the units agree if the coefficient has the unit 1 / (unit of the form).
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

@@ -1,9 +1,9 @@
 """The hypotheses of `tselab gap` and their priors: effects and latencies that a vehicle
 file may lack.
 
-The prior of ln of a size is uniform over the typical range and falls like a normal
-density outside of it. So sizes that no car has cost evidence, as do sizes too
-small to matter.
+The prior density of ln(size of an effect) is constant over the typical range and falls
+like a normal density on both sides of it. So the evidence for an effect becomes smaller
+if its size is too small to matter or too large for a car.
 """
 
 from __future__ import annotations
@@ -19,41 +19,47 @@ from tse.gaps.catalogue import CatalogueParameter, Effect, list_signed_delays, l
 from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
-# Values of the column `occurrence` of effects that are not searched. ROAD: road profiles
-# are searched in infer/roads.py. A constant bank or grade is the same as a sensor bias.
-# ABSORBED: the stiffness compensates the effect, completely or to at least 95 %
-# (aligning_moment, on the logs of two generators). Tyre models are not more accurate.
-# Drag and rolling resistance are among these effects, because the wheel speeds drive the
-# model, and what remains of them in accel_x looks like a grade of the road.
+# Values of the column `occurrence` in src/tables/effects.toml whose effects are no
+# hypotheses.
+# ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
+# distinguished from a sensor bias.
+# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect (95 % for
+# aligning_moment, in logs of two simulators), and tyre models are not more accurate than
+# that. Drag and rolling resistance belong here, because the measured wheel speeds drive
+# the model. The part of them that remains in accel_x looks like a grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
 EXPECTED = 1.0  # prior mean of the number of SOME_CARS effects that a vehicle file lacks
 SENSOR_SHARE = 0.1  # prior probability of each sensor error
-# prior probability that an EVERY_CAR effect is large enough to matter and not in the file
+# prior probability that an EVERY_CAR effect is large enough to matter and is missing in
+# the vehicle file
 EVERY_SHARE = 0.15
 WRONG_SIGN = 0.01  # prior probability of a sign that contradicts the physics of an effect
-# [ln] sd of sizes below the typical range: half the smallest typical size hardly matters
+# prior sd of ln(size) below the typical range. An effect of half the smallest typical
+# size hardly matters.
 SMALLER_SD = 0.7
-# [ln] sd of sizes above the typical range: hardly a car has twice the largest
-# typical size
+# prior sd of ln(size) above the typical range. Hardly any car has an effect of twice the
+# largest typical size.
 LARGER_SD = 0.35
-# [ln] sd of smaller sizes if the typical range is a single value: the effect is there
-# or not
+# prior sd of ln(size) below the typical range if this range is a single value, because a
+# car either has such an effect in full or does not have it
 SWITCH_SD = 0.15
-# min probability of a named effect, so that less than one in 10 of such names is wrong
+# min probability of a named effect, so that less than one in 10 named effects is wrong
 NAME_AT = 0.9
-# [nat] cost of an unknown size whose posterior sd is about a percent of the typical size
+# [nat] loss of evidence because the size of an effect is unknown, if the posterior sd of
+# the size is about 1 % of the typical size
 SIZE_COST = 3.0
 MAX_LATE = 0.1  # [s] max delay of a message relative to other messages, with either sign
 # [s] typical delay of a message relative to other messages: bus cycles of 5 .. 20 ms,
 # filters of 10 .. 30 Hz
 LATE = (0.003, 0.02)
+# setting of [uncertainty] in a vehicle file -> parameter whose prior sd it states
 UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
     "mass_sd": "mass_change",
     "yaw_inertia_sd": "yaw_inertia_change",
     "roll_steer_sd": "rear_roll_steer_gain",
 }
-# sd of the strengths of an effect other than its largest one, in units of the
-# typical size
+# prior sd of the strengths of an effect except the largest one, in units of their typical
+# size
 OTHER_SD = 1.0
 
 
@@ -76,8 +82,9 @@ def make_latencies() -> tuple[Effect, ...]:
 def make_superelevation() -> Effect:
     """Return the superelevation of the road in its curves as an effect.
 
-    It is one number in addition to the profile of the road: bank in proportion to the
-    curve. If it is left out, it looks like a scale error of accel_y.
+    Superelevation is one number: the share of the lateral acceleration in a curve that
+    the bank provides. This bank is added to the profile of the bank. If it is left out of
+    the model, it looks like a scale error of accel_y.
     """
     bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
@@ -92,10 +99,10 @@ def make_superelevation() -> Effect:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect that the vehicle file may lack."""
+    """The hypothesis that the vehicle file lacks an effect."""
 
     effect: Effect
-    odds: float  # ln of the prior odds that the file lacks it
+    odds: float  # ln of the prior odds of the hypothesis
 
     @property
     def id(self) -> str:
@@ -104,7 +111,9 @@ class Hypothesis:
     def compute_ln_prior(self, values: Mapping[str, float]) -> float:
         """Return ln of the prior density of the effect's strengths, in their units.
 
-        The largest strength has the prior of a size. The others are normal with OTHER_SD.
+        The strength that is largest relative to its typical size has the prior of
+        compute_ln_size_prior(). The other strengths are normal with the sd OTHER_SD.
+        Strengths whose sd the vehicle file states are normal with that sd.
         """
         strengths = self.effect.strengths
         if strengths[0].prior:
@@ -123,10 +132,11 @@ class Hypothesis:
 
 
 def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
-    """Return ln of the prior density of a strength that differs from its
-    default by `away`.
+    """Return ln of the prior density of a strength that differs from its default by
+    `away`.
 
-    ln of its size is uniform over the typical range and has normal tails.
+    ln |away| is uniform over the typical range and has normal tails on both sides. The
+    sign of `away` is implausible with probability WRONG_SIGN.
     """
     low, high = sorted((abs(p.typical_low - p.default), abs(p.typical_high - p.default)))
     low = low or 0.25 * high
@@ -139,11 +149,11 @@ def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
 
 
 def apply_priors(vehicle: Vehicle) -> list[Effect]:
-    """Return the effects of the catalogue with the priors of a vehicle file.
+    """Return the effects of the catalogue with the priors that a vehicle file states.
 
-    If [uncertainty] of the file states the sd of a parameter, its prior is normal
-    about the file's value with this sd. If all sds are 0, as for a simulated car, no
-    prior is changed.
+    If the section [uncertainty] states the sd of a parameter, the prior of this parameter
+    is normal, with this sd and the value of the vehicle file as mean. If all stated sds
+    are 0, as for a simulated car, the effects are returned unchanged.
     """
     sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     if not any(sd.values()):
@@ -160,8 +170,10 @@ def apply_priors(vehicle: Vehicle) -> list[Effect]:
 
 
 def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
-    """Return all hypotheses: the effects that are searched in the order of the catalogue,
-    then latencies and superelevation.
+    """Return all hypotheses: first the effects of the catalogue in their order, without
+    those of NOT_SEARCHED, then the latencies and the superelevation.
+
+    `effects` replaces the effects of the catalogue; None: the catalogue is used.
     """
     known = list(load_catalogue().values() if effects is None else effects)
     searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
@@ -181,11 +193,11 @@ def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]
 
 
 def compute_threshold(effects: int) -> float:
-    """Return the log likelihood ratio [nat] that an effect among so many needs
-    to be named.
+    """Return the log likelihood ratio [nat] that an effect needs to be named, if
+    `effects` effects may be missing.
 
-    It is the sum of the prior ln odds against the effect, the ln odds of NAME_AT, and the
-    cost of an unknown size.
+    It is the sum of ln of the prior odds against the effect, ln of the odds of NAME_AT,
+    and SIZE_COST.
     """
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
@@ -193,9 +205,10 @@ def compute_threshold(effects: int) -> float:
 def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior that a parameter has in a fit.
 
-    It is the prior of the vehicle file, if there is one. Otherwise it is wide for a
-    strength, because its size is judged after the fit, and about the typical range
-    for a shape.
+    If the vehicle file states a prior, it is used. Otherwise the prior of a strength is
+    wide, because its size is judged only after the fit (compute_ln_size_odds()). The
+    prior of a shape has its mean in the middle of the typical range and half its width as
+    sd.
     """
     if p.prior:
         return p.default, p.prior

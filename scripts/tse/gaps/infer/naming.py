@@ -1,7 +1,10 @@
 """Name the missing effects, with size, probability and look-alikes, from the sets of
-effects that a search has judged.
+effects that the search has judged (search.py).
 
-Names and sizes come from the fitted logs only. Held-out logs are not used.
+A named effect is one that is reported as missing in the vehicle file. Look-alikes of it
+are effects that explain the logs about as well. The gap is the sum of squared residuals
+minus the sum expected from sensor noise (fit.compute_excess()). Names and sizes come from
+the fitted logs only. Held-out logs are not used.
 """
 
 from __future__ import annotations
@@ -24,24 +27,25 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# An effect is a look-alike if its probability is at least this share of the probability
-# that the named effect or any look-alike is missing. The share is small because evidence
-# is accurate only to about two nats: by so much it differs between mass and yaw inertia,
-# which no log can distinguish.
+# Min share of a look-alike's probability in the probability that the named effect or any
+# effect in its place is missing. The share is small, because the evidence is accurate
+# only to about 2 nats: by that much it differs between mass and yaw inertia, although no
+# log can distinguish these two.
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
-# A named effect must close at least this share of the gap that the other names leave.
-# Road effects are exempt.
+# Min share of the gap left by the other named effects that a named effect must close. A
+# road profile must close this share of the gap of its own channel. Superelevation is
+# exempt.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
-# The names answer what is missing if those of the car close at least this share of the
-# gap that the roads leave.
+# Share of the gap left by the roads above which the named effects of the car count as the
+# answer to the question what is missing.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
 MAX_SETS = 8  # max number of sets that are reported with their probability
-# Reasons why a possible effect has no name
+# Reasons why a possible effect is not named
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes almost nothing", f"below {100 * NAME_AT:.0f} %"
-ZERO = "its interval includes no effect"
+ZERO = "its 95 % interval includes the case without this effect"
 
 
 @dataclass
@@ -49,22 +53,22 @@ class Named:
     """One named effect and the evidence for it."""
 
     effect: Effect
-    values: dict[str, float]
-    ci95: dict[str, tuple[float, float]]
-    share: float  # share of the whole gap that it closes
+    values: dict[str, float]  # parameter -> fitted value
+    ci95: dict[str, tuple[float, float]]  # parameter -> 95 % interval
+    share: float  # share of the whole gap that the effect closes
     evidence: float  # [nat] log evidence for the set with the effect against the set without it
-    probability: float = 1.0
-    look_alikes: list[str] = field(default_factory=list)
-    # share of the gap left by the other names that it closes, in held-out pieces of
-    # the logs
+    probability: float = 1.0  # probability that the effect is missing
+    look_alikes: list[str] = field(default_factory=list)  # ids of effects
+    # share of the gap left by the other named effects that the effect closes, in pieces
+    # of the logs that were left out of the fit (folds.py)
     alone: float = 1.0
-    whole: float = 1.0  # probability that it or a look-alike is missing
+    whole: float = 1.0  # probability that the effect or one in its place is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
-        """Return the name with the values of another fit. The intervals
-        keep their widths.
+        """Return the named effect with the values of a different fit. The intervals are
+        shifted and keep their widths.
 
-        The size of a road profile stays, since it is not among the fitted values.
+        A road profile is returned unchanged, because it is not among the fitted values.
         """
         by = {k: values[k] - v for k, v in self.values.items() if k in values}
         ci95 = {k: (low + by.get(k, 0.0), high + by.get(k, 0.0)) for k, (low, high) in self.ci95.items()}
@@ -80,11 +84,11 @@ class Named:
 
     @property
     def message(self) -> bool:
-        """True if it is an error of messages or of the IMU (late messages, a low-pass
-        filter), not an effect of the car.
+        """True if the cause is not in the car, but in the messages (latency) or in the
+        IMU (low-pass filter).
 
-        This is the case for a latency, and for an effect of the catalogue whose strength
-        is below its early_below.
+        This is the case for the latencies of make_latencies(), and for an effect of the
+        catalogue with a fitted strength below Effect.early_below.
         """
         e = load_catalogue().get(self.effect.id)
         if e is None:
@@ -98,20 +102,20 @@ class Named:
 
 @dataclass
 class Naming:
-    """Result of a search: the named effects and the possible ones."""
+    """Result of a search: the named effects, and possible effects that are not named."""
 
-    baseline: Fit  # the car without effects, on level roads
-    final: Fit  # with the named effects
+    baseline: Fit  # fit of the car without effects, on level roads
+    final: Fit  # fit with the named effects
     named: list[Named]
-    closed: float  # share of the gap that the names close together
-    possible: list[dict]  # effects without a name: id, probability, why they have none
-    sets: list[dict]  # the most probable sets: ids, probability
-    converged: bool
-    # Covariance of ln stiffness over the sets, about that of the named set. Sets that
-    # explain the logs equally well may differ in stiffness.
-    spread: np.ndarray = field(
-        default_factory=lambda: np.zeros((len(STIFFNESS_PARAMETERS), len(STIFFNESS_PARAMETERS)))
-    )
+    closed: float  # share of the gap that the named effects close together
+    # possible effects that are not named: id, probability, and why they are not named
+    possible: list[dict]
+    sets: list[dict]  # the most probable sets: ids of the effects, and probability
+    converged: bool  # True if the last fit has converged
+    # Covariance of ln stiffness between the sets of effects, weighted by their
+    # probability, about the stiffness of the named set. It adds to the uncertainty of the
+    # stiffness, because sets that explain the logs equally well may differ in it.
+    spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
     @property
     def closes_most(self) -> bool:
@@ -129,8 +133,8 @@ def name_effects(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """Search the effects that are missing, and name those with a probability of
-    at least NAME_AT.
+    """Search for the missing effects, and name those with a probability of at least
+    NAME_AT.
 
     Parameters
     ----------
@@ -155,8 +159,8 @@ def name_effects(
     full = compute_excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
-        # The sizes are from a fit of the named effects only. The influence of other
-        # effects is part of the intervals, which come from `final`.
+        # The sizes come from a fit of the named effects only (`sized`). The widths of the
+        # intervals come from `final`, so they include the influence of other effects.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.compute_sd())}
@@ -186,8 +190,8 @@ def name_effects(
 
 
 def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
-    """Keep only the names `kept`. The other named effects become possible effects, with
-    `why` as the reason.
+    """Return the result with only the effects `kept` named, and fitted again. The other
+    named effects become possible effects, with `why` as the reason.
     """
     left = _refit_names(problem, naming, kept, naming.baseline)
     stay = {n.effect.id for n in left.named}
@@ -201,25 +205,26 @@ def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str)
 
 
 def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
-    """Fit the named effects to more logs than they were found in.
+    """Fit the effects that were named from some logs to all logs.
 
-    `baseline` is the result of fit_plain_car() for these logs on level roads.
+    `problem` has all logs. `baseline` is the result of fit_plain_car() for them on level
+    roads.
     """
     return _refit_names(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
 def fit_plain_car(problem: Problem) -> Fit:
-    """Fit the stiffness of the vehicle file's car, without effects, by least squares."""
-    return fit_parameters(problem, STIFFNESS_PARAMETERS, {})
+    """Fit the stiffness of the vehicle file's car by least squares, without effects."""
+    return fit_parameters(problem, STIFFNESS, {})
 
 
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
     """Return the road profiles as named effects.
 
     `level` and `on_road` are fits of the car without effects on level roads and on the
-    roads that were found. What the road reduces of the gap in its own channel
-    (ROAD_CHANNEL) is what the profile closes. A profile that closes less than MIN_CLOSED
-    of this channel's gap gets no name.
+    roads that were found. A profile closes the difference of the gaps of these two fits
+    in its own channel (ROAD_CHANNEL). If that is less than MIN_CLOSED of this channel's
+    gap, the profile is not named.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -239,10 +244,10 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
 
 
 def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
-    """Fit the named effects `kept` again.
+    """Fit the named effects `kept` again, and return the result with only these named.
 
-    Their intervals keep the widths, which come mostly from the uncertain form of the
-    model and do not change with the logs.
+    The intervals keep their widths, which come mostly from the uncertain form of the
+    model and so do not change with the logs.
     """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
@@ -274,8 +279,8 @@ def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[st
 
 
 def compute_relevance(judged: Judged, h: Hypothesis) -> float:
-    """Return the probability that a strength exceeds its negligible size, given that the
-    effect is in the set.
+    """Return the probability that at least one strength of an effect exceeds its
+    negligible size, given that the effect is in the set.
     """
     little, sd = 1.0, judged.compute_sd()
     for p in h.effect.strengths:
@@ -285,13 +290,13 @@ def compute_relevance(judged: Judged, h: Hypothesis) -> float:
 
 
 class Probability:
-    """Probabilities that effects of relevant size are missing, from the sets
-    of a search.
+    """Probabilities that effects of relevant size are missing, summed over all sets of
+    effects that a search has judged.
     """
 
     def __init__(self, search: Search, found: frozenset[str]):
-        """Sum the probabilities of the sets. `found` is the best set, which is
-        to be named.
+        """Sum the probabilities of the sets. `found` has the ids of the best set, whose
+        effects may be named.
         """
         self._sets = search.compute_probabilities()
         self._found = found
@@ -302,11 +307,10 @@ class Probability:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * compute_relevance(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
-        """Return the effects that replace `effect` in other sets,
-        with their probabilities.
+        """Return the effects that replace `effect` in other sets, as id -> probability.
 
-        These sets lack `effect`. Of them, only effects that are not in the
-        best set count.
+        They are the effects of sets without `effect`, except those that are also in the
+        best set. The probability is the sum over these sets.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -316,28 +320,32 @@ class Probability:
         return found
 
     def of_class(self, effect: str) -> float:
-        """Return the probability that an effect, or one that replaces it, is missing."""
+        """Return the probability that an effect, or one that replaces it in other sets,
+        is missing.
+        """
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
-    def compute_spread(self, search: Search, named: Judged) -> np.ndarray:
-        """Return the covariance of ln stiffness over the sets, about that of `named`."""
-        sets = search.list_judged()
+    def spread(self, search: Search, named: Judged) -> np.ndarray:
+        """Return the covariance of ln stiffness between the sets, weighted by their
+        probability, about the stiffness of the set `named`.
+        """
+        sets = search.all()
         away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
         return sum(
             (p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()),
             np.zeros((len(STIFFNESS_PARAMETERS),) * 2),
         )
 
-    def list_sets(self) -> list[dict]:
-        """Return ids and probability of the most probable sets, at most MAX_SETS."""
+    def sets(self) -> list[dict]:
+        """Return ids and probability of at most MAX_SETS of the most probable sets."""
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
 
 def compute_ln_stiffness(judged: Judged) -> np.ndarray:
-    """Return ln of the ratio of each stiffness to that of the vehicle file."""
-    return np.log([judged.values[p.name] for p in STIFFNESS_PARAMETERS])
+    """Return ln of the ratio of each stiffness to its value in the vehicle file."""
+    return np.log([judged.values[p.name] for p in STIFFNESS])
 
 
 def _make_named(
@@ -350,10 +358,12 @@ def _make_named(
     probability: Probability,
     full: float,
 ) -> Named:
-    """Return a named effect with its evidence, and the shares of the gap that it closes.
+    """Return an effect as a named effect, with its evidence and the shares of the gap
+    that it closes.
 
-    `final` is the set with uncertain forms, `plain` that of the named effects only, and
-    `last` is `plain` as a Fit. `full` is the whole gap.
+    `final` is the fit of the set in which all other effects may have small sizes. `plain`
+    is the fit of the named effects only, and `last` is `plain` as a Fit. `full` is the
+    whole gap.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
@@ -376,8 +386,8 @@ def _make_sized_name(
 ) -> Named:
     """Return a named effect with size, interval, probability and look-alikes.
 
-    The size is that of `judged`. The width of the interval is from `rough`, a fit in
-    which effects outside the set may have small sizes; None: from `judged`.
+    The size comes from `judged`. The width of the interval comes from `rough`, a fit in
+    which effects outside the set may have small sizes. None: it comes from `judged`.
     """
     sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
@@ -394,7 +404,7 @@ def _make_sized_name(
 
 
 def fit_alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
-    """Fit these effects without any other effect, starting at `values`."""
+    """Fit these effects, with all other effects absent. The fit starts at `values`."""
     return judge_set(problem, effects, [h.id for h in effects], values)
 
 
@@ -415,8 +425,8 @@ def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit
 def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Return fitted values as settings of a vehicle file.
 
-    Negative delays and latencies of messages become latencies of channels. Parameters of
-    the road are left out, except its superelevation.
+    Negative delays and latencies of messages are converted to latencies of channels.
+    Parameters of the road are left out, except superelevation.
     """
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)

@@ -1,8 +1,8 @@
-"""Classify the error that remains after naming: is it from the sensors, is it localised
-in time, or does it depend on the motion of the car?
+"""Classify the error that remains after effects are named: is it an error of the sensors,
+is it localised in time, or does it depend on the motion of the car?
 
-Errors from the sensors are noise at low frequencies, which differences between rows do
-not contain; a bias that follows a random walk; and single spikes.
+Errors of the sensors are low-frequency noise, which the noise estimate from differences
+between rows does not contain, a bias that is a random walk, and single spikes.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from tse.gaps.infer.where import find_conditions
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# An error is localised if half of its energy is in less than this share of the time.
+# An error is localised if half of its sum of squares above the noise is within an
+# interval of at most this share of the time.
 LOCAL = 0.15
-# [m/s2 or rad/s per sqrt(s)] random walk of the biases of MEMS sensors
+# channel -> sd of the random walk of the bias of a MEMS sensor [m/s2/sqrt(s),
+# rad/s/sqrt(s)]
 WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}
-# [s] Max correlation time of sensor noise after a low pass. Errors of the car or the road
-# are correlated for longer.
+# [s] Max correlation time of the noise of a sensor with a low pass. Errors of the car or
+# the road have longer correlation times.
 MEMORY = 0.12
 
 
@@ -30,9 +32,9 @@ class Remainder:
     """The kind of error that remains in one channel."""
 
     channel: str
-    gap: float  # ratio of residual rms to noise
-    kind: str  # noise, localised or disturbance
-    words: str
+    gap: float  # ratio of residual rms to sensor noise
+    kind: str  # noise, localised, or disturbance: it depends on the motion of the car
+    words: str  # description for the user
 
 
 def find_remainders(
@@ -40,10 +42,11 @@ def find_remainders(
 ) -> list[Remainder]:
     """Return the remaining error of each channel.
 
-    `values` are those of the fit. A channel is explained if its ratio of residual rms to
-    noise is at most `limit`.
+    `residuals` and `values` come from the fit. If the ratio of residual rms to noise is
+    at most `limit`, the error is noise.
     """
-    # channel -> its strongest condition, which comes last and overwrites the others
+    # Channel -> condition under which its residual is largest. The list is reversed so
+    # that the strongest condition comes last and overwrites the weaker ones.
     large = {c.channel: c.condition for c in reversed(find_conditions(problem, residuals, values))}
     found = []
     for channel, mine in problem.used():
@@ -57,7 +60,7 @@ def find_remainders(
         elif own <= limit:
             words = "noise only, apart from single spikes or a drifting bias"
         elif is_noise(steady, log):
-            words = f"noise only, {own:.2f} times the noise of its row-to-row differences"
+            words = f"noise only, {own:.2f} times the noise estimated from row-to-row differences"
         elif where is not None:
             kind, name = "localised", problem.logs[where[2]].name
             words = f"half of the remaining error is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
@@ -71,8 +74,8 @@ def find_remainders(
 
 
 def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
-    """Return the sd by which the bias of a channel changes from block to block, in units
-    of its noise.
+    """Return the sd of the change of a channel's bias from one block to the next, in
+    units of the channel's noise.
     """
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
@@ -80,7 +83,7 @@ def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
 def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
     """Return the residual with single outliers replaced by the mean of their neighbours.
 
-    An error that lasts one block of 40 ms only cannot be a motion of the car.
+    An error in a single block of 40 ms cannot come from a motion of the car.
     """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
@@ -97,14 +100,15 @@ def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
 
 
 def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
-    """Return the residual minus a bias that is a random walk with the sd
-    `step` per block.
+    """Return the residual minus its slowly changing bias.
 
-    A smoother estimates the bias in white noise of the variance 1.
+    A smoother estimates the bias, modelled as a random walk with the sd `step` per block
+    in white noise of variance 1.
     """
     if step <= 0:
         return e
-    # stationary gain of the Kalman filter, which runs forwards and then backwards
+    # stationary gain of the Kalman filter, which runs over the residual forwards and then
+    # over its own result backwards
     g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
     rest = np.empty_like(e)
     for i in np.unique(log):
@@ -116,10 +120,10 @@ def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 
 
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
-    """Return whether a residual is noise of a sensor with a low pass.
+    """Return whether a residual is the noise of a sensor with a low pass.
 
-    Such noise has a constant variance and a short correlation time, and does not
-    oscillate. Errors of the car or the road vary with the driving, have a long
+    Such noise has a constant variance, a short correlation time and no oscillation.
+    Errors of the car or the road have a variance that changes with the driving, a long
     correlation time, or oscillate.
     """
     most = round(1.0 / BLOCK_TIME)
@@ -134,17 +138,17 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     calm = max(1, round(MEMORY / BLOCK_TIME))
     if length * BLOCK_TIME > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
         return False
-    # Relative variance that the mean square in windows of 1 s has if the variance
-    # is constant
+    # Relative variance of the mean squares of windows of 1 s that is expected if the
+    # residual has a constant variance
     chance = 2.0 * (1.0 + 2.0 * float(rho @ rho)) / most
     return float(np.var(energies)) <= 2.0 * chance * float(np.mean(energies)) ** 2
 
 
 def find_short_span(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
-    """Return begin, end and index of the log of the shortest interval that contains half
-    of the energy above the noise.
+    """Return begin [s], end [s] and index of the log of the shortest interval that
+    contains half of the sum of squared residuals above the noise.
 
-    Return None if the interval is longer than the share LOCAL of all logs.
+    Return None if this interval is longer than the share LOCAL of the length of all logs.
     """
     surplus = np.maximum(e**2 - 1.0, 0.0)
     total, n, best = surplus.sum(), len(e), None

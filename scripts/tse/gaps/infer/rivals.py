@@ -1,20 +1,22 @@
 """Decide between named effects, a formula, or both.
 
-Named effects that leave most of the gap, or that close it only by their number, may
-imitate something that the catalogue lacks. Therefore several combinations are compared:
-the named effects alone, the named effects with a formula for what they leave, and a
-formula without named effects. Each combination, called a world here, has the value
+If named effects leave most of the gap, or close it only because they are many, they may
+imitate an effect that is not in the catalogue. Therefore three combinations are compared,
+called worlds here: the named effects alone, the named effects with a formula for the
+remaining residuals, and a formula without named effects. The ln probability of a world
+is, up to a constant,
 
     sum over channels of ln likelihood of the residuals (search.py) - price.
 
-The price of a name is its prior odds and the cost of its size (hypotheses.py). The
-price of a formula is that of its length (formula_search.py) and the odds that the
-catalogue lacks something. Residuals of the held-out logs count, too, with the values
-fitted to the other logs. A name is kept if the worlds that contain it have together at
-least the probability NAME_AT.
+The price of a named effect is SIZE_COST minus ln of its prior odds (hypotheses.py). The
+price of a formula is the price of its length (formula_search.py) minus ln of the prior
+odds that the missing effect is not in the catalogue (OUTSIDE). The likelihood includes
+the residuals of the held-out logs, with the values fitted to the other logs. An effect
+keeps its name if the worlds with this name have together at least the probability
+NAME_AT.
 
-A subset of the names without a formula is no world, because the search has already
-decided which effects to name, by a more detailed model of the residuals.
+There is no world with only a part of the named effects and no formula, because the search
+has already decided which effects to name, with a more detailed model of the residuals.
 """
 
 from __future__ import annotations
@@ -37,23 +39,24 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# If a remainder is left, the names must close at least this share of the gap together.
-# Otherwise all of them are dropped.
+# Min share of the gap that the named effects must close together if they leave a
+# remainder. If they close less, none of them is named.
 MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
-# Reason why an effect that the search named has no name in the end
-INSTEAD = "a formula explains about as much or more, less its price"
+# Reason why an effect that the search named is not named in the result
+INSTEAD = "a formula explains about as much or more, even after its price is subtracted"
 
 
 @dataclass
 class World:
-    """A combination of named effects and, if `discovery` is given, a formula."""
+    """A combination of named effects and, if `discovery` is not None, a formula."""
 
     naming: Naming
     discovery: Discovery | None
-    price: float  # [nat]
-    residuals: list[np.ndarray]  # of the fitted logs and, if there are any, of the held-out logs
-    probability: float = 0.0
+    price: float  # [nat] price of the named effects and the formula
+    # residuals of the fitted logs, and of the held-out logs if there are any
+    residuals: list[np.ndarray]
+    probability: float = 0.0  # computed by Worlds.weigh()
 
     @property
     def names(self) -> frozenset[str]:
@@ -61,19 +64,21 @@ class World:
 
     @property
     def text(self) -> str | None:
-        """The text of the formula; None without a formula."""
+        """The formula as a string; None without a formula."""
         return self.discovery.formula.text if self.discovery and self.discovery.formula else None
 
 
 class Worlds:
-    """All worlds that are compared."""
+    """The worlds, which are compared with each other by their probability."""
 
     def __init__(self, problem: Problem, held: Problem | None):
         self.problem, self.held = problem, held
         self.known: list[World] = []
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
-        """Add a world. `last` is the fit of its names, `discovery` its formula."""
+        """Add a world. `last` is the fit with the named effects, and `discovery` is the
+        formula; None: a world without a formula.
+        """
         price, values = sum((compute_name_price(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
             assert discovery.fit is not None
@@ -91,12 +96,12 @@ class Worlds:
             w.probability = float(p)
 
     def with_name(self, effect: str) -> float:
-        """Return the total probability of the worlds that contain this named effect."""
+        """Return the total probability of the worlds in which this effect is named."""
         return sum(w.probability for w in self.known if effect in w.names)
 
-    def find_best(self) -> World:
-        """Return the most probable world all of whose names have a probability of
-        at least NAME_AT.
+    def best(self) -> World:
+        """Return the most probable of the worlds in which every named effect has a
+        with_name() of at least NAME_AT.
         """
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
@@ -106,8 +111,8 @@ class Worlds:
         return [last.residuals] + ([] if held is None else [held.compute_residuals(drop_log_values(values))])
 
     def _compute_mean_square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
-        """Return the mean square of a channel's residuals in units of the noise,
-        and their number.
+        """Return the mean square of a channel's residuals, in units of the noise
+        variance, and the number of residuals.
         """
         total, rows = 0.0, 0
         for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
@@ -123,7 +128,7 @@ def compute_ln_odds(probability: float) -> float:
 
 
 def compute_name_price(effect: str) -> float:
-    """Return the price of a name in nats: cost of its size less prior ln odds."""
+    """Return the price of a named effect [nat]: SIZE_COST - ln of its prior odds."""
     return SIZE_COST - next(
         (h.odds for h in make_hypotheses() if h.id == effect), compute_ln_odds(ROAD_PROBABILITY)
     )
@@ -132,11 +137,12 @@ def compute_name_price(effect: str) -> float:
 def explain_remainder(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """Return the result of the formula search, the names, and all worlds
-    that were compared.
+    """Search for formulas, and return the result of the formula search, the named
+    effects, and all worlds that were compared.
 
-    Formula and names are those of Worlds.find_best(). A name whose probability over all
-    worlds is below NAME_AT is dropped.
+    Formula and named effects are those of the world Worlds.best(). An effect is dropped
+    if the probability that it or a look-alike is missing, times Worlds.with_name(), is
+    below NAME_AT.
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
@@ -162,8 +168,8 @@ def explain_remainder(
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    # The formula to report is the result of the search with these names. That search has
-    # already decided, also by the held-out logs, whether a formula is proposed.
+    # The formula to report is the one that was searched for with the named effects of the
+    # best world. Whether it is proposed was decided there (formula_search.py).
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [
@@ -179,10 +185,11 @@ def explain_remainder(
 
 
 def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
-    """Return the formula and the names that are still needed with it.
+    """Return the formula, and the named effects that are still needed next to it.
 
-    A formula may explain what a named effect explained before. If the interval of the
-    effect's size, fitted with the formula, then includes no effect, its name is dropped.
+    A formula may explain residuals that a named effect explained before. If the 95 %
+    interval of an effect, fitted together with the formula, then includes the case
+    without this effect, the effect is no longer named.
     """
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming
@@ -196,8 +203,8 @@ def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tu
 
 
 def refit_world(problem: Problem, last: Fit) -> Fit:
-    """Fit the parameters of `last` again by least squares, as fits with a formula are
-    made, so that worlds with and without a formula are comparable.
+    """Fit the parameters of `last` again by fit_parameters(). Fits with a formula are
+    made in the same way, so that worlds with and without a formula are comparable.
     """
     found = fit_parameters(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

@@ -1,9 +1,10 @@
-"""Find bank and grade of the roads of the logs, before effects of the car are searched.
+"""Estimate bank and grade of the roads of the logs, before the search for effects of the
+car.
 
-A road changes the measurements as much as tyres do, but mostly more slowly. If the road
-is left out, it is mistaken for a scale error of accel_y or for different tyres. Road and
-car are therefore fitted together. If the car were held at values that were fitted without
-a road, the fit of the road would make the residuals of the yaw rate larger.
+Bank and grade change the measurements as much as a change of the tyres, but mostly more
+slowly. If they were left out, they would be mistaken for a scale error of accel_y or for
+different tyres. Road and car are therefore fitted together. A fit of the road to a car
+that was fitted on level roads would make the residuals of the yaw rate larger.
 """
 
 from __future__ import annotations
@@ -27,18 +28,18 @@ from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
 ROAD_PROBABILITY = 0.1  # prior probability that a road profile is large enough to be found
-MAX_ODDS = 50.0  # ln odds are limited to this value, at which the probability is 1
+MAX_ODDS = 50.0  # max ln odds, so that exp() does not overflow; the probability is 1 here
 
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """A road profile that the logs show."""
+    """The bank or the grade of all roads, and the evidence that it is not constant."""
 
-    effect: Effect
+    effect: Effect  # bank or grade
     size: float  # [rad] rms of the profile about its mean on each road
     ci95: tuple[float, float]  # 95 % interval of `size`
-    nats: float  # log evidence for the profile
-    probability: float
+    nats: float  # [nat] log evidence for the profile
+    probability: float  # probability that there is a profile
 
 
 @dataclass
@@ -50,12 +51,13 @@ class Roads:
     logs
         The logs, with bank and grade in each row if a road was found.
     found
-        The profiles that are probable enough for a name, and not negligible.
+        The profiles with a probability of at least NAME_AT and more than negligible size.
     road, fit
-        The knots of the profiles, and the fit of car and road. None if no
-        profile was found.
+        The knots of the profiles, and the fit of car and road. None if no profile was
+        found.
     laps
-        Which logs are laps of the same road. None if that was not examined.
+        Which logs are laps of the same road. None if no profile was found or the logs
+        were not compared.
     """
 
     logs: list[PreparedLog]
@@ -64,8 +66,8 @@ class Roads:
     fit: CarFit | None = None
     laps: Laps | None = None
 
-    def list_roads(self) -> list[Road]:
-        """Return the roads that were found, in the form that road.csv has."""
+    def profiles(self) -> list[Road]:
+        """Return the roads that were found, in the form that is written to road.csv."""
         if self.laps is None or self.fit is None:
             return []
         sd = self.fit.equations.compute_road_sd()
@@ -84,12 +86,12 @@ def find_roads(
     say: Callable[[str], None] = lambda _: None,
     read: Sequence[CheckedLog] = (),
 ) -> Roads:
-    """Find the roads of logs, which are given as data.prepare() returns them.
+    """Estimate the roads of logs that data.prepare() has prepared.
 
-    If the road of a log is known already, no roads are searched. `read` are the same logs
-    as they were read. With them, laps of the same road are detected and share one
-    profile. The cost is one fit of car and road, and a second one if only one of the two
-    profiles is found.
+    If the road of any log is already known, no road is estimated. `read` has the same
+    logs before data.prepare(). They are used to detect laps of the same road, which then
+    share one profile. Without `read`, each log has its own road. The computing time is
+    one fit of car and road, and a second one if only one of bank and grade is found.
     """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]
@@ -127,7 +129,8 @@ def find_roads(
 def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
     """Return size, evidence and probability of a road profile.
 
-    The sd of its rms is computed as if its values were independent and had equal sds.
+    The sd of the size is computed as if the errors of the values at the knots were
+    independent and had equal sds.
     """
     places = [road.get_slice(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)
@@ -140,8 +143,8 @@ def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -
 
 
 def _place_logs(logs: Sequence[PreparedLog], road: Knots, z: np.ndarray) -> list[PreparedLog]:
-    """Return the logs with bank and grade of their roads. Logs that cannot be compared
-    with a simulation are returned unchanged.
+    """Return the logs with bank and grade in each row. Logs without a stretch that can be
+    compared with a simulation are returned unchanged.
     """
     found, i = [], 0
     for log in logs:

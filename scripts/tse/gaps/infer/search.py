@@ -1,23 +1,24 @@
-"""Search the sets of effects that explain the logs, and compute their probabilities.
+"""Search for the sets of effects that explain the logs, and compute the probability of
+each set.
 
 The evidence of a set is approximated by Laplace's method:
     ln evidence = sum over channels of ln likelihood at the best fit
         + ln prior density of the fitted values + 1/2 ln det(2 pi H^-1)
-        + ln prior odds of its effects,
-with the curvature H of the negative log posterior.
+        + sum of ln prior odds of the effects of the set,
+where H is the Hessian of the negative log posterior.
 
-The likelihood has the same variances as the fit (identify/fit.py). For a channel with n
-residuals of the rms r, the variance is sd^2 = noise^2 + (r^2 - noise^2) V. V is the
-number of values in MODEL_TIME, the duration of a model error. It follows that
+The likelihood L has the same variances as the fit (identify/fit.py). For a channel with n
+residuals of rms r, the variance is sd^2 = noise^2 + (r^2 - noise^2) V. V is the number of
+residuals in MODEL_TIME, the correlation time of a model error. It follows that
     d ln L / d(sum of squares) = -1 / (2 sd^2),
     ln L = -n / (2 V) ln(1 + V (r^2 / noise^2 - 1)).
-r^2 - noise^2 is limited below to LASTING^2 noise^2, because no model of a car
-is more accurate.
+r^2 - noise^2 is at least LASTING^2 noise^2 in sd^2, because no model of a car is more
+accurate.
 
-Every fit has the strengths of all effects as unknowns. Effects that are not in the set
-have a prior that keeps them small. So one fit has the partial derivatives for all
-effects, and the evidence of other sets is approximated from them by linear algebra
-(class Around). The sets that are most probable by this approximation are then fitted.
+Every fit has the strengths of all effects as unknowns. Effects outside the set have a
+prior that keeps them small. So one fit gives the partial derivatives with respect to all
+effects, from which the evidence of other sets is approximated by linear algebra (class
+Around). The sets that are most probable by this approximation are then fitted.
 """
 
 from __future__ import annotations
@@ -35,25 +36,27 @@ from tse.identify import fit as engine
 from tse.identify.data import BLOCK_TIME
 
 MAX_EFFECTS = 12  # max number of effects in a set
-MAX_ROUNDS = 12  # max number of fits in one climb to a better set
-PASSES = 4  # max number of climbs, each followed by fits of sets with replaced effects
+MAX_ROUNDS = 12  # max number of steps of one climb (_climb()), each with the fit of a set
+PASSES = 4  # max number of climbs, each followed by _fit_rivals()
 AT_ONCE = 2  # max number of changes of a set between two fits
-RIVALS = 2  # number of sets with a replacement that are fitted for each effect
-FAR = 12.0  # [nat] a set whose evidence is lower by more than this is not fitted
-WORTH = 0.1  # [nat] min difference in evidence by which a set counts as better
+RIVALS = 2  # for each effect of the best set, number of replacements that are fitted
+FAR = 12.0  # [nat] max difference to the best evidence at which a set is fitted
+WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
 PAIRED = 8  # number of the most promising effects that are tried together with a second one
-WEIGHINGS = 4  # iterations of the channels' variances for one set
+# number of iterations that adapt the variances of the channels to the residuals, if a set
+# is approximated
+WEIGHINGS = 4
 
 
 @dataclass
 class Judged:
-    """A set of effects with its evidence, from a fit of this set, or approximated from
-    the fit of another set (class Around).
+    """A set of effects and its evidence. It was fitted, or approximated from the fit of a
+    different set (class Around).
     """
 
     effects: tuple[Hypothesis, ...]
     values: dict[str, float]
-    covariance: np.ndarray  # of the values
+    covariance: np.ndarray  # covariance of the values
     evidence: float  # ln evidence, including the prior odds of the set
     space: Space | None = None  # None if the set was not fitted
     fit: engine.CarFit | None = None  # None if the set was not fitted
@@ -71,20 +74,20 @@ class Judged:
 
 
 def compute_error_duration() -> float:
-    """Return V: the duration of a model error in blocks."""
+    """Return V: the correlation time of a model error, in blocks."""
     return engine.MODEL_TIME / BLOCK_TIME
 
 
 def compute_variance(square: float) -> float:
-    """Return the variance of residuals in the likelihood, for a mean square `square` of
-    the residuals. Both are in units of the noise.
+    """Return the variance of residuals in the likelihood. `square` is the mean square of
+    the residuals. Both are in units of the noise variance.
     """
     return 1.0 + compute_error_duration() * max(square - 1.0, LASTING**2)
 
 
 def compute_ln_likelihood(square: float, count: int) -> float:
-    """Return ln likelihood of a channel with `count` residuals, whose mean square is
-    `square` in units of the noise.
+    """Return ln likelihood of a channel with `count` residuals. `square` is their mean
+    square in units of the noise variance.
     """
     more = square - 1.0 - LASTING**2
     lowest = 1.0 + compute_error_duration() * LASTING**2
@@ -93,8 +96,9 @@ def compute_ln_likelihood(square: float, count: int) -> float:
 
 
 def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
-    """Return the sum over effects of ln prior odds, plus ln of the ratio of the prior
-    density of their sizes to the wide normal prior that the fit has used instead.
+    """Return the sum over the effects of ln prior odds + ln(p / q). p is the prior
+    density of the effect's size, and q the density of the wide normal prior that the fit
+    used in its place.
     """
     total = 0.0
     for h in effects:
@@ -124,11 +128,11 @@ def judge_set(
     start
         Values at which the fit starts.
     like
-        A set that was fitted before. The partial derivatives for effects that are not in
-        the new set are taken from it. None: they are simulated.
+        A set that was fitted before. The partial derivatives with respect to effects
+        outside the new set are taken from it. None: they are simulated.
     rough
-        If True, the fit uses the partial derivatives of `like` also for the effects of
-        the set, and updates them in its steps instead of simulating them.
+        If True, the fit uses the partial derivatives of `like` for the effects of the
+        set, too. It updates them in its steps and does not simulate them.
     """
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
@@ -145,16 +149,17 @@ def judge_set(
 
 
 def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, int]:
-    """Return the mean square of a channel's residuals, and their number. Residuals beyond
-    Huber's limit count by their absolute value, not by their square."""
+    """Return the mean square of a channel's residuals, and the number of residuals.
+    Residuals e beyond Huber's limit h contribute h |e| in place of e^2.
+    """
     e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
     end = engine.HUBER * found.scales[channel].rms
     return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
 
 
 def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
-    """Return the partial derivatives from the fit of another set, in the order of this
-    set's unknowns. They are 0 for shapes that the other set does not have.
+    """Return the partial derivatives of the fit `like`, with the columns in the order of
+    the unknowns of `space`. They are 0 for shapes that `like` does not have.
     """
     assert like.space is not None and like.fit is not None
     place = {n: k for k, n in enumerate(like.space.names)}
@@ -203,7 +208,7 @@ class Around:
         effects = tuple(h for h in space.asked if h.id in members)
         mean, sd = space.compute_prior(members)
         there = {p.name for h in effects for p in h.effect.fitted}
-        for k, p in enumerate(space.parameters):  # shapes of effects outside the set stay fixed
+        for k, p in enumerate(space.parameters):  # keep the shapes of effects outside the set fixed
             if not p.strength and p.name not in there:
                 mean[k], sd[k] = self._x[k], 1e-6
         precision, weights = sd**-2, self._first
@@ -229,7 +234,7 @@ class Around:
 
 @dataclass
 class Search:
-    """Searches the most probable set, and keeps all sets that it has judged."""
+    """Searches for the most probable set, and keeps all sets that it has judged."""
 
     problem: Problem
     asked: Sequence[Hypothesis]
@@ -245,8 +250,8 @@ class Search:
         like: Judged | None = None,
         rough: bool = False,
     ) -> Judged:
-        """Return the set with these effects. It is fitted from `start`, unless it has
-        been fitted before.
+        """Return the fitted set with these effects. If it has not been fitted before, it
+        is fitted now, starting at `start`.
         """
         key = frozenset(ids)
         if key not in self.known:
@@ -255,8 +260,8 @@ class Search:
         return self.known[key]
 
     def run(self) -> Judged:
-        """Return the most probable set. The search starts with the empty set and with all
-        effects, and continues from the better result.
+        """Return the most probable set. The search is started twice: from the empty set,
+        and from the set of all effects. It continues from the better of the two results.
         """
         best = self._climb(self.judge((), {}))
         best = max(best, self._prune(best), key=lambda j: j.evidence)
@@ -271,9 +276,12 @@ class Search:
         return best
 
     def _prune(self, start: Judged) -> Judged:
-        """Return the set that is left if, starting with all effects, those that lower the
-        evidence are removed one by one. It may contain two effects that nearly cancel. An
-        added effect would have no evidence without the other one."""
+        """Return the set that is reached from the set of all effects by removing effects
+        one by one, as long as the evidence rises.
+
+        The result may contain two effects that nearly cancel. A search that adds effects
+        would not find such a pair, because each effect alone has no evidence.
+        """
         whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
         around, best = Around(whole), whole
         while best.effects:
@@ -285,8 +293,8 @@ class Search:
         return self.judge(best.ids, best.values, start)
 
     def _climb(self, best: Judged) -> Judged:
-        """Return the best set that is reached from `best` by adding, removing
-        and replacing effects.
+        """Return the best set that is reached from `best` by repeatedly adding, removing
+        or replacing effects.
         """
         for _ in range(MAX_ROUNDS):
             around = Around(best)
@@ -302,9 +310,9 @@ class Search:
         return best
 
     def _fit_alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
-        """Fit sets in which one of `effects` is replaced by an effect that the
-        catalogue calls similar. The linear approximation is not accurate enough to
-        compare large effects.
+        """Fit the sets in which one of `effects` is replaced by an effect that the
+        catalogue lists as similar, and return them. They are fitted because the linear
+        approximation is not accurate enough to compare large effects.
         """
         found = []
         for h in judged.effects:
@@ -318,8 +326,8 @@ class Search:
         return found
 
     def _fit_rivals(self, best: Judged) -> None:
-        """For each effect of the best set, fit the set without it and the most probable
-        sets in which another effect replaces it.
+        """For each effect of the best set, fit the set without this effect, and the
+        RIVALS most probable sets in which a different effect replaces it.
         """
         around = Around(best)
         for h in best.effects:
@@ -334,7 +342,7 @@ class Search:
                 self._get_set(around, best.ids | {o.id})
 
     def _get_set(self, around: Around, ids: frozenset[str]) -> Judged:
-        """Return a set from its fit; if it has not been fitted, by approximation."""
+        """Return a set: its fit if it has been fitted, otherwise its approximation."""
         if ids in self.known:
             return self.known[ids]
         if ids not in self.near:
@@ -342,8 +350,8 @@ class Search:
         return self.near[ids]
 
     def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
-        """Return the set that up to `changes` successive changes lead to. Each change is
-        the one that raises the approximate evidence most.
+        """Return the set after at most `changes` successive changes of `start`. Each is
+        the change that most increases the approximate evidence.
         """
 
         def get_evidence(ids: frozenset[str]) -> float:
@@ -368,12 +376,16 @@ class Search:
         return best
 
     def compute_probabilities(self) -> dict[frozenset[str], float]:
-        """Return the probabilities of all sets that were judged. Their sum is 1."""
-        sets = self.list_judged()
+        """Return ids of a set -> probability, for all sets that were judged. The sum is
+        1.
+        """
+        sets = self.all()
         ln = np.array([j.evidence for j in sets.values()])
         weight = np.exp(ln - ln.max())
         return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
-    def list_judged(self) -> dict[frozenset[str], Judged]:
-        """Return all sets that were judged; of a set that was fitted, the fit."""
+    def all(self) -> dict[frozenset[str], Judged]:
+        """Return ids of a set -> set, for all sets that were judged. Fits have priority
+        over approximations.
+        """
         return self.near | self.known

@@ -1,9 +1,9 @@
-"""The logs of a gap with a set of effects, in the form of a problem for tse.identify.fit.
+"""The fit of a set of effects to the logs, as a problem that tse.identify.fit can solve.
 
 The unknowns are the stiffnesses of the axles, the strengths of all effects that may be
 missing, and the shapes of the effects of the set. Effects of the set may have any size.
-Effects outside the set may only have about their negligible size
-(CatalogueParameter.negligible), since no car is entirely without them.
+Effects outside the set have a narrow prior about 0, with an sd below their negligible
+size (CatalogueParameter.negligible), because no car is entirely without them.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from tse.identify.problem import ACTIVE_TIME
 from tse.identify.unknowns import COMPLIANCE
 from tse.log.noise import compute_moving_average
 
-STIFFNESS_SD = 0.5  # prior sd of the ratio of each stiffness to that of the vehicle file
+# prior sd of each stiffness, relative to its value in the vehicle file
+STIFFNESS_SD = 0.5
 # prior sd of the strength of an effect outside the set, in units of its negligible size
 ABSENT = 0.5
-# rms error that any model has, in units of the noise of a block
+# rms of the model error that even the best model has, in units of the noise of a block
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
-# [steps] Width of the finite differences for effects outside the set: 0.3 of their
-# typical size. Effects are nonlinear, so this describes a typical size better than a
-# small step.
+# Width of the finite differences for effects outside the set, in CatalogueParameter.step:
+# 0.3 times the typical size. Effects are nonlinear, so these differences describe an
+# effect of typical size better than those over a small step.
 REACH = 15.0
 
 
@@ -46,16 +47,16 @@ class Space:
     members
         Ids of the effects of the set.
     lent
-        Partial derivatives from the fit of another set of the same effects, one matrix
-        for each group. Those for effects outside this set are taken from there. None:
-        they are simulated.
+        Partial derivatives from the fit of a different set, one matrix for each group.
+        The columns of effects outside this set are taken from there. None: they are
+        simulated.
 
     Attributes
     ----------
     parameters, names
-        The unknowns. For cornering stiffness, the inverse is the unknown.
+        The unknowns x. For a cornering stiffness, x is the inverse of its value.
     groups
-        Log and channel of each vector of residuals.
+        Log (index) and channel of each vector of residuals.
     """
 
     knots, knot_sd = 0, 1.0  # the roads of the logs are known, so no knots are fitted
@@ -90,7 +91,9 @@ class Space:
 
     def compute_prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return prior mean and sd of the unknowns if `members` are the effects of the
-        set. The values for shapes of effects outside the set have no meaning.
+        set.
+
+        The mean and sd of the shape of an effect outside the set are not used.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -120,27 +123,29 @@ class Space:
     # ---- values
 
     def to_search(self, values: np.ndarray) -> np.ndarray:
-        """Return the unknowns x for these values: the inverse for cornering stiffness."""
+        """Return the unknowns x for these values: the inverse of a cornering stiffness,
+        and the value itself for all other parameters.
+        """
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
-    # The function is its own inverse. tse.identify.fit calls the inverse to_ln(), because
-    # there values are logarithms. Here they are not.
+    # The inverse of to_search(), which is the function itself. tse.identify.fit expects
+    # it under the name to_ln(), because values are logarithms in other problems.
     to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivative of each value with respect to its unknown x."""
+        """Return the derivative of each parameter's value with respect to the unknown."""
         return np.where(self._inverse, -1.0 / np.where(self._inverse, x, 1.0) ** 2, 1.0)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """Return the values for the simulation from the unknowns x."""
+        """Return the values of the parameters, which the simulation uses, for x."""
         return dict(zip(self.names, map(float, self.to_ln(x)), strict=True))
 
     def at(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return the unknowns x from which a fit starts.
+        """Return the unknowns x at which a fit starts.
 
-        They are those of `values`. Unknowns that `values` lacks start at their
-        default. An effect of the set that `values` lacks, or has at a negligible size,
-        starts at choose_start().
+        A parameter starts at its value in `values`, or at its default if it has none
+        there. The strengths of an effect of the set start at choose_start() if they are
+        not in `values` or all negligible there.
         """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
@@ -156,9 +161,7 @@ class Space:
 
     @staticmethod
     def compute_noise(g: int) -> float:
-        """Return the noise of the residuals, which is 1 because they are in
-        units of it.
-        """
+        """Return the sd of the noise in the residuals: 1, because they are whitened."""
         return 1.0
 
     @staticmethod
@@ -168,22 +171,24 @@ class Space:
 
     @staticmethod
     def compute_lasting_error(channel: str) -> float:
-        """Return the rms of the residuals' part that is an error of any
-        model, not noise.
+        """Return the rms of the model error that even the best model leaves in the
+        residuals, in units of the noise.
         """
         return LASTING
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return the residuals of each group without bias, in units of the noise."""
+        """Return the residuals of each group, in units of the noise. The fitted bias is
+        subtracted.
+        """
         whole = self.problem.compute_residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
 
     def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the partial derivatives of the residuals with respect to x, a matrix
+        """Return the partial derivatives of the residuals with respect to x, one matrix
         for each group.
 
-        Those taken from `lent` are not updated for a new x. This is accurate enough,
-        because effects outside the set have negligible sizes.
+        The columns taken from `lent` are the same for every x. This is accurate enough,
+        because they belong to effects outside the set, whose sizes are negligible.
         """
         if self.lent is None:
             return self.compute_own_slopes(x, base)
@@ -195,19 +200,21 @@ class Space:
         return found
 
     def compute_own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the partial derivatives of compute_slopes(), all
-        simulated, none lent.
+        """Return the partial derivatives of compute_slopes(), but with all columns
+        simulated and none taken from `lent`.
         """
         return self._simulate_slopes(x, base, ((1.0, True), (REACH, False)))
 
     def _simulate_slopes(
         self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]
     ) -> list[np.ndarray]:
-        """Return partial derivatives by simulation, a matrix for each group.
+        """Compute partial derivatives by simulation, and return one matrix for each
+        group.
 
-        Each of `parts` is a width of the finite differences, in steps, and whether it is
-        for effects of the set and stiffness (True) or for other effects (False). Columns
-        that no part covers are 0.
+        Each element of `parts` is a pair. The first is the width of the finite
+        differences in steps. The second is True if the width is used for stiffness and
+        the effects of the set, False if it is used for the other effects. Columns that no
+        element covers are 0.
         """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
@@ -222,11 +229,11 @@ class Space:
         found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
-    # ---- for the estimate of the lasting part of the residuals
+    # ---- functions for the estimate of the lasting error (tse.identify.lasting)
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return the residuals of a group with their times and the local rms of the
-        measured channel, in units of the noise.
+        """Return a group as a Piece: times, local rms of the measurement about its median
+        over ACTIVE_TIME in units of the noise, and residuals.
         """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(
@@ -235,8 +242,8 @@ class Space:
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return the yaw rate that belongs to a lateral acceleration of 1 m/s2 in each
-        row of a group, in units of the noise.
+        """Return for each row of a group the yaw rate in a steady turn with a lateral
+        acceleration of 1 m/s2, in units of the noise.
         """
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.average_quantity("wheel_speed_rear")[rows]
@@ -244,5 +251,5 @@ class Space:
 
     @staticmethod
     def compute_road_slopes(x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
-        """Return empty matrices: there are no unknowns z of the road."""
+        """Return matrices without columns, since there are no unknowns z of the road."""
         return [csc_matrix((len(r), 0)) for r in base]

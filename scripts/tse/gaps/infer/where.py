@@ -1,6 +1,6 @@
-"""Find where simulation and measurement disagree: under which conditions the residual of
-a channel is large, and at which place of the car a disturbance explains the residuals of
-accel_y and yaw_rate best.
+"""Find where simulation and measurement disagree: under which conditions of driving the
+residual of a channel is large, and at which place of the model a disturbance explains the
+residuals of accel_y and yaw_rate best.
 """
 
 from __future__ import annotations
@@ -17,15 +17,19 @@ from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
 RESIDUAL_WINDOW_TIME = 1.0  # [s] length of the windows in which the mean square of a residual is computed
-# share of the conditions found that may be due to chance (Benjamini-Hochberg)
+# max expected share of reported conditions that are due to chance (Benjamini-Hochberg)
 FALSE_DISCOVERIES = 0.01
-MIN_CORRELATION = 0.15  # min rank correlation with the mean square of a condition that is reported
-MIN_WINDOWS = 20  # with fewer windows no conditions of a channel are searched
-# Max squared correlation of a banked road with the lateral acceleration of the car. A
-# road is independent of the steering, so a larger correlation has a different cause.
+# min |rank correlation| of a reported condition with the mean square of the residual
+MIN_CORRELATION = 0.15
+MIN_WINDOWS = 20  # min number of windows of a channel for which conditions are computed
+# Max squared correlation between the bank of a road and the lateral acceleration of the
+# car. A road does not depend on the steering, so if the correlation is larger, the
+# residual does not come from the road.
 MAX_FOLLOWED = 0.5
-# [blocks] distance between two values of a disturbance, which is interpolated linearly
+# [blocks] distance of the points at which a disturbance is estimated; it is interpolated
+# linearly between them
 HAT = 10
+# place as it is reported -> its id in compute_responses()
 PLACES = {
     "front axle": "front_angle",
     "rear axle": "rear_angle",
@@ -39,31 +43,32 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition in which the residual of a channel is large."""
+    """A condition of driving under which the residual of a channel is large."""
 
     channel: str
-    condition: str
-    strength: float  # rank correlation of the condition with the mean square of the residual
+    condition: str  # for example "high speed"
+    strength: float  # rank correlation of the signal with the mean square of the residual
 
 
 @dataclass(frozen=True)
 class Entry:
-    """How well a disturbance at this place explains the residuals of
+    """A place of the model, and how well a disturbance there explains the residuals of
     accel_y and yaw_rate.
     """
 
     place: str
-    nats: float  # log evidence for a disturbance
-    share: float  # share of the residuals' energy that the disturbance explains
+    nats: float  # [nat] log evidence for a disturbance at this place
+    share: float  # share of the sum of squared residuals that the disturbance explains
     size: float  # sd of the disturbance, in `unit`
     unit: str
 
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """Return the signals that conditions are made of, from inputs and simulation.
+    """Return the signals from which conditions are made, as name -> block means, one for
+    each entry of the residual vector. They come from inputs and simulation.
 
-    Measurements are not used, because the residual contains their noise and would
-    correlate with them.
+    Measurements are not used, because the residuals contain their noise and would
+    therefore correlate with them.
     """
     predicted = problem.simulate_channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.average_quantity("steer_angle")
@@ -81,10 +86,11 @@ def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np
 
 
 def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
-    """Return the conditions in which the residual is large, the strongest first.
+    """Return the conditions under which the residual is large, the strongest first.
 
-    Conditions are found by Spearman's rank correlation. Those that may be due to chance
-    are left out by the procedure of Benjamini and Hochberg.
+    They are found by Spearman's rank correlation between a signal and the mean square of
+    the residual in windows. Conditions that may be due to chance are removed by the
+    procedure of Benjamini and Hochberg.
     """
     rows, found, p = problem.rows, [], []
     at = compute_features(problem, values)
@@ -109,12 +115,12 @@ def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, f
 
 
 def find_entries(problem: Problem, last: Fit) -> list[Entry]:
-    """Return each place with the evidence for a disturbance there, the best one first.
+    """Return each place with the evidence for a disturbance there, the best place first.
 
     A disturbance is a sum of triangular functions (hats), one every HAT blocks, whose
     amplitudes have a normal prior. It is fitted together with the parameters of `last`.
-    The residuals are linear in the amplitudes, so the evidence is a sum over the singular
-    values of the responses to the hats (compute_responses()).
+    The residuals are linear in the amplitudes. So the evidence is a sum over the singular
+    values of the matrix of responses to the hats (compute_responses()).
     """
     at, units = compute_signals(problem, last.values), library().formula_places
     lateral = [
@@ -161,10 +167,10 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
             if seen.any()
             else 0.0
         )
-        # A road is independent of the steering. If the disturbance follows the
-        # lateral acceleration of the car, it acts at a different place, so the road
-        # is ranked last.
-        last_of_all = id_ == ROAD_BANK and follows > MAX_FOLLOWED
+        # A road does not depend on the steering. If a disturbance at the road is
+        # correlated with the lateral acceleration of the car, it does not come from the
+        # road, so the road is ranked last.
+        last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(
             place, compute_nats(size), share, float(size), "m/s2" if id_ == ROAD_BANK else units[id_].unit
