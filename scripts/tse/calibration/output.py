@@ -31,12 +31,12 @@ from tse.library.core import NOMINAL
 from tse.library.files import write_atomically
 from tse.report.results import convert_to_plain
 
-MAX_ROLL_STEER_SD = 0.03  # upper limit of roll_steer_sd in a calibrated vehicle file
+MAX_ROLL_STEER_SD = 0.03  # max value of the setting roll_steer_sd in a calibrated vehicle file
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Return the calibrated settings. Unknowns that the logs do not show have the mean
-    of their prior."""
+    """Return the calibrated settings as name -> value, within their limits. Unknowns that
+    the logs do not determine have a value near the mean of their prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -48,8 +48,8 @@ def collect_settings(result: CalibrationResult) -> dict[str, float]:
 
 
 def _list_superelevations(result: CalibrationResult) -> list[float]:
-    """Return the superelevation of the road of each log. The list is empty if the
-    profiles of the roads were fitted or known."""
+    """Return the fitted superelevation of the road of each log. The list is empty if the
+    bank of the roads was fitted as a profile or was known."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
     return [at[name_in_log(SUPERELEVATION, i)] for i in range(result.problem.leans)]
 
@@ -60,11 +60,11 @@ def collect_latencies(result: CalibrationResult) -> dict[str, float]:
 
 
 def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
-    """Return the sds of the calibrated car's parameters, as
-    settings of src/tables/uncertainty.toml.
+    """Return the sds of the calibrated car's parameters, as settings of
+    src/tables/uncertainty.toml.
 
-    The sds of parameters that logs cannot show are those of the vehicle file, or of a car
-    that has not been calibrated.
+    Parameters that cannot be estimated from logs keep the sds of the vehicle file, or get
+    those of a car that has not been calibrated.
     """
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
@@ -96,17 +96,17 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
 
 
 def place_formula(path: Path) -> Path:
-    """Return the path of the formula file of a calibrated vehicle file.
+    """Return the path of the formula file that belongs to a calibrated vehicle file.
 
-    The formula is copied to the folder of the vehicle file, because [formula] names a
-    file there and the calibration is valid only with this formula.
+    The formula is copied to the folder of the vehicle file, because the section [formula]
+    must name a file in this folder, and the calibration is valid only with this formula.
     """
     return path.with_suffix(".formula.toml")
 
 
 def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path) -> str:
-    """Return the text of the calibrated vehicle file. `formula` is the path of
-    its formula file."""
+    """Return the content of the calibrated vehicle file. `logs` are the names of the
+    fitted logs, and `formula` is the path of the formula file."""
     vehicle, found = result.vehicle, collect_settings(result)
     found |= {f"{c}{LATENCY_SUFFIX}": v for c, v in collect_latencies(result).items()}
     name = vehicle.path.name if vehicle.path else "the built-in car"
@@ -128,8 +128,8 @@ def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path)
 
 
 def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
-    """Return position, latency and heading of the velocity sensor with their sds; empty
-    if there is none."""
+    """Return position, latency and heading of the velocity sensor and their sds, as
+    settings; an empty dict if there is no such sensor."""
     found = {f.name: f for f in result.findings if f.name in VELOCITY_SD}
     fields = result.config.fields
     sds: dict[str, float] = {}
@@ -143,11 +143,12 @@ def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
 def _collect_start(
     result: CalibrationResult, written: Mapping[str, float]
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Return names, means and covariance of the unknowns, as the prior of
-    the next calibration.
+    """Return names, means and covariance of the unknowns, which become the prior of the
+    next calibration.
 
-    The means of ln stiffness refer to the written vehicle file. In the fit they refer to
-    the file that was read, so the difference is subtracted.
+    In the fit, the unknown of a stiffness is ln of its ratio to the vehicle file that was
+    read. The returned mean refers to the vehicle file that is written, so ln of the ratio
+    of the two files is subtracted.
     """
     of_velocity = {u.name for u in OF_VELOCITY}
     own = [k for k, name in enumerate(result.problem.prior.names) if name not in of_velocity]
@@ -156,15 +157,16 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        # In the fit this unknown is relative to the front stiffness. It becomes absolute.
+        # In the fit this unknown is relative to the front stiffness. It is converted to
+        # N.
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)
 
 
 def _format_band(f: NumberFinding) -> str:
-    """Return the interval of a number, to be appended to a comment in
-    the vehicle file."""
+    """Return the interval of a number as a string, which is appended to the comment on
+    the number in the vehicle file."""
     if not f.shown:
         return ", not shown by these logs"
     return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
@@ -186,7 +188,7 @@ def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
 
 
 def to_json(result: CalibrationResult) -> dict[str, Any]:
-    """Return the result of a calibration as a JSON document."""
+    """Return the result of a calibration as a dict for JSON."""
     return {
         "converged": result.fit.converged,
         "steps": result.fit.steps,

@@ -1,12 +1,12 @@
-"""Calibrate a car on the logs that are to be estimated, and keep the result in a cache
-for later runs.
+"""Calibrate a car on the same logs in which the stiffness is then estimated, and keep the
+result in a cache for later runs.
 
 This is done for cars without a calibration. As after any calibration, the posterior of
 the cornering stiffness becomes the prior of the filter, which then uses the same rows
 again as measurements. This double use has little effect, because the filter's model
 discrepancy gives the rows a low weight. Longitudinal stiffness and model discrepancy are
-not calibrated but stay those of the car's class, because a short log contains too little
-information about them.
+not calibrated, but keep the values of the car's class, because a short log contains too
+little information about them.
 """
 
 import copy
@@ -31,15 +31,17 @@ from tse.library.errors import UserError
 from tse.library.files import lock_file, read_sealed, tomllib, write_sealed
 from tse.log.rows import CheckedLog, select_liveliest
 
-# [s] Max time of all logs together that is used. Of longer logs, the part with the most
-# turning is used.
+# [s] Max total length of the logs that is used. Of longer logs, the parts in which the
+# car turns most are used.
 MAX_OWN_SECONDS = 600.0
-MIN_OWN_SECONDS = 60.0  # [s] min time of all logs together
-END_SECONDS = 2.0  # [s] time at the ends of a log that is not compared: the burn-in and a row
+MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
+# [s] tolerance of MIN_OWN_SECONDS, because the ends of a log are not compared with a
+# simulation: the burn-in and a row
+END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
-MIN_TURNING_ACCEL = 1.0  # [m/s2]
-# sd of ln cornering stiffness. If it is larger for both axles, the logs do not show the
-# stiffness, and the calibration is not used.
+MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
+# Max sd of ln cornering stiffness with which the logs determine the stiffness of an axle.
+# If the sds of both axles are larger, the calibration is not used.
 MAX_SHOWN_SD = 0.175
 MAX_SEARCH_SECONDS = 300.0  # [s] max run time of the search
 STOPPED = "it was stopped by Ctrl-C"
@@ -56,17 +58,17 @@ class _TooLong(Exception):
 
 @dataclass
 class OwnCalibration:
-    """Result of a calibration on the logs that are estimated."""
+    """Result of a calibration on the same logs in which the stiffness is estimated."""
 
-    text: str  # the calibrated vehicle file; empty if the calibration is not used
+    text: str  # content of the calibrated vehicle file; empty if the calibration is not used
     words: list[str]  # lines for the user
-    found: dict[str, Any]  # the result for programs
+    found: dict[str, Any]  # the result for programs (_collect_findings())
 
     def apply_to(self, before: Vehicle) -> Vehicle:
-        """Return the calibrated car. If the calibration is not used, return the car as it
-        was, with the lines for the user.
+        """Return the calibrated car, with name, facts, notes and formula of the car
+        `before`. If the calibration is not used, return the car `before`.
 
-        Name, facts, notes and formula are those of the vehicle file.
+        Either has the lines for the user in `found`.
         """
         if not self.text:
             return replace(before, found=self.words)
@@ -78,12 +80,12 @@ class OwnCalibration:
 
 
 def is_uncalibrated(vehicle: Vehicle) -> bool:
-    """Return whether a car has neither a calibration nor stated uncertainties."""
+    """Return whether a car has neither a calibration nor sds stated in [uncertainty]."""
     return not vehicle.calibration and not vehicle.given_uncertainty
 
 
 def get_cache_folder() -> Path:
-    """Return the user's cache folder for calibrations."""
+    """Return the folder in which calibrations of this user are cached."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     return Path(base) / "tselab" / "calibrated"
 
@@ -91,8 +93,8 @@ def get_cache_folder() -> Path:
 def calibrate_once(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None] = lambda _: None
 ) -> OwnCalibration:
-    """Calibrate the car on these logs. If the cache has a result for the same logs, car
-    and code, return that."""
+    """Calibrate the car on these logs. If the cache has a result for the same logs, the
+    same car and the same code, return the cached result."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
     if seconds < MIN_OWN_SECONDS - END_SECONDS:
         return keep_class(f"it lasts {seconds:.4g} s, {MIN_OWN_SECONDS:g} s are needed")
@@ -123,8 +125,8 @@ def calibrate_once(
 
 @contextmanager
 def _remove_on_exit(lock: Path) -> Iterator[None]:
-    """Remove the lock file on exit. A process that opens it just before
-    repeats the work."""
+    """Remove the lock file on exit. If a different process has opened the file just
+    before, it calibrates once more, which does no harm."""
     try:
         yield
     finally:
@@ -144,8 +146,8 @@ def _measure_turning(log: CheckedLog, vehicle: Vehicle) -> float:
 
 
 def _make_cache_path(name: str) -> Path | None:
-    """Return the path of a file in the cache folder; None if the folder
-    cannot be written."""
+    """Return the path of a file in the cache folder; None if the folder cannot be created
+    or is not writable."""
     try:
         folder = get_cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
@@ -155,7 +157,7 @@ def _make_cache_path(name: str) -> Path | None:
 
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
-    """Return the part of a log in which the car turns most, of this length."""
+    """Return the part of a log, `seconds` long, in which the car turns most."""
     return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 
@@ -179,7 +181,7 @@ def _calibrate_car(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]
 ) -> OwnCalibration:
     """Calibrate on the logs, and check the result with the filter on the same rows. If a
-    check fails, the car stays one of its class."""
+    check fails, return that the calibration is not used (keep_class())."""
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
@@ -222,10 +224,10 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
     """Return a sentence if the calibration and the filter with the uncalibrated car
     contradict each other; otherwise an empty string.
 
-    Both estimate the cornering stiffness from the same rows, with 95 % intervals. If they
-    differ by more than their intervals allow together, one of the two models is wrong.
-    The log cannot show which one, since its likelihood is always higher with the
-    calibrated parameters, which maximise it.
+    Both estimate the cornering stiffness from the same rows. If ln of the ratio of the
+    two estimates is larger than 1.96 sd of this difference, one of the two models is
+    wrong. A comparison of the likelihoods could not decide which one, because the
+    calibration maximises the likelihood of this log.
     """
     for key, axle in CORNERING_AXLES.items():
         ours = found["stiffness"][key]
@@ -242,15 +244,15 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
 
 
 def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
-    """Return the result that the calibration is not used and the car stays one of its
-    class. `why` is the reason."""
+    """Return an OwnCalibration which states that the calibration is not used and the car
+    is taken as an ordinary one of its class. `why` is the reason."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
     return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 
 
 def _collect_findings(result: Any) -> dict[str, Any]:
-    """Return stiffness, latencies and the names of numbers that the logs do not
-    show, for programs."""
+    """Return the result for programs: stiffness, latencies, and the names of numbers that
+    the logs do not determine."""
     from tse.calibration import output
 
     sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))

@@ -19,9 +19,9 @@ def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
     sections: list[tuple[str, str, go.Figure]] = [
         (
             "Numbers found, compared with their prior",
-            "Each number with its 95 % interval, as its difference from the prior mean in units of the prior "
-            "sd. The prior, that of ordinary cars or of an earlier calibration, has its 95 % range from -2 "
-            "to 2. Grey: these logs do not show the number.",
+            "Difference of each number from its prior mean, in units of the prior sd, with its 95 % "
+            "interval. The prior is that of ordinary cars or of an earlier calibration; its 95 % range is "
+            "-2 to 2. Grey: these logs do not determine the number.",
             draw_bands(result),
         ),
         (
@@ -42,8 +42,8 @@ def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
 
 
 def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
-    """Return name and text of each fact of the run: logs, search, errors not
-    explained, quantisation, noise."""
+    """Return the facts of the run as (name, text): logs, search, errors that the model
+    does not explain, quantisation, noise."""
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")
@@ -62,8 +62,8 @@ def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
 
 
 def draw_bands(result: CalibrationResult) -> go.Figure:
-    """Return the figure of all numbers with their 95 % intervals, relative
-    to their prior."""
+    """Return the figure of all numbers with their 95 % intervals, each relative to its
+    prior."""
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
     figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")

@@ -26,16 +26,18 @@ from tse.identify.unknowns import (
 )
 from tse.library.core import Config
 
-# [s] Min time of all logs together. With less, the search converges near the prior, and
-# what it finds is due to chance.
+# [s] Min total length of the logs. With shorter logs, the search converges near the
+# prior, and the differences from the prior are due to chance.
 MIN_RELIABLE_SECONDS = 20.0
-# Max ratio of the residual rms after and before. A log of the same car stays below.
+# Max ratio of the residual rms after the calibration to the rms before. A larger ratio
+# means that the log is of a different car.
 MAX_WORSE_RATIO = 1.05
-# Max difference of a parameter in STATED from its prior mean, in prior sds. A larger one
-# means that the vehicle file is wrong. With correct files it was 2.4 at most; with a
-# steering ratio that is wrong by 30 % it was 5.8.
+# Max |posterior mean - prior mean| of a parameter in STATED, in prior sds. A larger
+# difference means that the vehicle file is wrong. With correct files it was at most 2.4.
+# With a steering ratio that was wrong by 30 % it was 5.8.
 MAX_STATED_SD = 4.0
-# parameter -> the entry of the vehicle file that is wrong if it is beyond MAX_STATED_SD
+# parameter -> entry of the vehicle file that is wrong if the difference of this parameter
+# is larger than MAX_STATED_SD
 STATED = {
     "steering_ratio_change": "the steering ratio or lf + lr",
     "imu_misalignment_angle": "the direction of the IMU",
@@ -66,9 +68,12 @@ class NumberFinding:
     prior_sd: float
     value: float  # posterior mean
     sd: float  # posterior sd
-    shown: bool  # True if the logs reduced the sd enough (MAX_SHOWN_RATIO)
+    # True if the logs determine the number: posterior sd < MAX_SHOWN_RATIO * prior sd
+    shown: bool
     words: str  # line for the user
-    shape: bool = False  # True for a shape of an effect, which has no meaning if the effect is 0
+    # True for a shape of an effect, such as a time constant, which has no influence if
+    # the size of the effect is 0
+    shape: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields as a dictionary."""
@@ -77,7 +82,7 @@ class NumberFinding:
 
 def describe_misstated(found: Sequence[NumberFinding]) -> str:
     """Return a sentence about the first number of the vehicle file that the logs
-    contradict; empty if they contradict none."""
+    contradict; an empty string if they contradict none."""
     for f in found:
         if f.name not in STATED or f.prior_sd <= 0:
             continue
@@ -99,7 +104,7 @@ class FindingGroup:
 
 
 def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float]) -> list[NumberFinding]:
-    """Return all unknowns except the stiffness as findings. `before` has the values of
+    """Return a finding for each unknown except the stiffness. `before` has the values of
     the vehicle file."""
     known, found = np.sqrt(np.diag(fit.covariance)), fit.x
     times = compute_rear_factor(problem, fit)
@@ -123,19 +128,18 @@ def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float])
 
 
 def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
-    """Return the factor by which the rear longitudinal stiffness changes with
-    the front one."""
+    """Return the factor by which the rear longitudinal stiffness changes, because the
+    fitted front longitudinal stiffness differs from the vehicle file."""
     follows = problem.config.rear_longitudinal_follows_front
     return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
-    """Return a line for the user: the number with its interval, or that the logs do
-    not show it.
+    """Return a line for the user: the number with its interval, or that the logs do not
+    determine it.
 
-    The line also states if the number does not differ from the vehicle file
-    significantly, or by less than matters. `by` converts u.worth to the unit
-    of the value.
+    The line also states if the difference from the vehicle file is not significant or too
+    small to matter (less than u.worth). `by` converts u.worth to the unit of the value.
     """
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
@@ -168,7 +172,8 @@ def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFindin
     """
     found = []
     for name in dict.fromkeys(r.group for r in rows):
-        # Numbers that the logs do not show are left out: they differ by their prior only.
+        # Numbers that the logs do not determine are left out: they differ from the
+        # vehicle file only because of their prior.
         sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]
         off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
         sd = np.sqrt(np.diag(fit.covariance)[sizes])
@@ -180,8 +185,7 @@ def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFindin
 
 
 def list_stated(config: Config) -> dict[str, float]:
-    """Return unknown -> its value in the settings. It is 0 for unknowns that
-    are not settings."""
+    """Return unknown -> its value in the settings, or 0 if it is no setting."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 
@@ -191,17 +195,18 @@ def list_stated(config: Config) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class ProofChannel:
-    """Rms values of one channel of a log, in its unit, computed from means over 40 ms."""
+    """Rms values of one channel of a log, in the unit of the channel, from block means
+    over 40 ms."""
 
-    signal: float  # of the measured channel about its mean
-    before: float  # of measured minus simulated about its mean, with the vehicle file
-    after: float  # of the same with the calibrated car
-    noise: float  # of the sensor noise
+    signal: float  # sd of the measured channel
+    before: float  # sd of measured minus simulated, with the car of the vehicle file
+    after: float  # sd of measured minus simulated, with the calibrated car
+    noise: float  # sd of the sensor noise
 
     @property
     def explained(self) -> tuple[float, float]:
-        """Shares of the signal's mean square that the simulation explains,
-        before and after."""
+        """Share of the signal's mean square that the simulation explains, as (before,
+        after)."""
         return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
 
 
@@ -209,8 +214,8 @@ class ProofChannel:
 class Proof:
     """Misfit of a log with the car of the vehicle file and with the calibrated car.
 
-    A fitted log is simulated on the road that was found. For a held-out log, only the
-    biases and the superelevation of its road in curves are fitted.
+    A fitted log is simulated on its fitted road. For a held-out log, only biases and the
+    superelevation of the road are fitted.
     """
 
     log: str
@@ -230,20 +235,22 @@ class CalibrationResult:
     groups: list[FindingGroup]
     proofs: list[Proof]
     sensors: dict[str, float]
-    steps: dict[str, float]  # channel -> step of its quantisation in the log; 0 if there is none
+    steps: dict[str, float]  # channel -> largest quantisation step in the logs; 0: not quantised
     notes: list[str] = field(default_factory=list)
     offers: list[Offer] = field(default_factory=list)  # proposals that narrow the intervals
-    own: bool = False  # True if calibrated on the same logs that are estimated (own.py)
+    own: bool = False  # True if the stiffness is then estimated in the same logs (own.py)
 
     @property
     def seconds(self) -> float:
-        """[s] total time of the logs that is compared with the simulation."""
+        """[s] Total length of the parts of the logs that are compared with the
+        simulation.
+        """
         return sum(log.seconds for log in self.problem.logs)
 
     @property
     def slip_lines(self) -> list[str]:
-        """Lines on the longitudinal stiffness and wheel radii, found from the slip
-        in straight driving."""
+        """Lines on longitudinal stiffness and wheel radii, which are estimated from the
+        slip in straight driving."""
         return describe_slip(self.problem, self.fit)
 
     @property
@@ -255,14 +262,14 @@ class CalibrationResult:
 
     @property
     def misstated(self) -> str:
-        """A sentence about a number of the vehicle file that the logs contradict; empty
-        if they contradict none."""
+        """A sentence about a number of the vehicle file that the logs contradict; an
+        empty string if they contradict none."""
         return describe_misstated(self.findings)
 
 
 def describe_velocity_gain(result: CalibrationResult) -> list[str]:
     """Return a line with the 95 % intervals of the cornering stiffnesses without and with
-    the measured velocity. Return an empty list if no velocity is measured."""
+    the measured velocity, in a list. The list is empty if no velocity is measured."""
     if not any(c in result.problem.channels for c in VELOCITY):
         return []
     without = np.sqrt(np.diag(compute_covariance(result.problem, result.fit, MEASURED)))
@@ -275,8 +282,8 @@ def describe_velocity_gain(result: CalibrationResult) -> list[str]:
 
 
 def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
-    """Return a sentence for each log whose lateral motion the calibrated car explains
-    worse than the car before."""
+    """Return a sentence for each log whose lateral motion is explained worse by the
+    calibrated car than by the car of the vehicle file."""
     found = []
     for p in proofs:
         more = {
@@ -291,15 +298,15 @@ def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
 
 
 def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
-    """Return the rms values of a channel over several logs."""
+    """Return the rms values of a channel, combined over several logs."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
     names = (f.name for f in fields(ProofChannel))
     return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))
 
 
 def describe_proofs(proofs: Sequence[Proof]) -> list[str]:
-    """Return a sentence on the misfit of each channel, separately for fitted
-    and held-out logs."""
+    """Return a sentence on the misfit of each channel, separately for fitted and held-out
+    logs."""
     lines = []
     for held, title in ((False, "fitted"), (True, "held-out")):
         mine = [p for p in proofs if p.held_out == held]
@@ -315,7 +322,7 @@ def describe_proofs(proofs: Sequence[Proof]) -> list[str]:
 
 
 def describe_result(result: CalibrationResult) -> list[str]:
-    """Return the whole result as lines: search, misfit, checks, proposals."""
+    """Return the whole result as lines of text: search, misfit, checks, proposals."""
     n = len(result.problem.logs)
     logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
     if result.fit.converged:
@@ -342,7 +349,7 @@ def describe_result(result: CalibrationResult) -> list[str]:
 
 
 def summarise_result(result: CalibrationResult, stiffness: str) -> list[str]:
-    """Return the result in a few lines. The first one is `stiffness`."""
+    """Return the result in a few lines for the user. The first line is `stiffness`."""
     found = [
         g.name
         for g in result.groups

@@ -33,13 +33,15 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-# [s] Min sd of the steering lag, which the model's relaxation and lags always
-# leave uncertain
+# [s] Min sd of the steering lag. Logs cannot determine it more accurately, because errors
+# of the modelled tyre relaxation and lags have the same effect.
 MIN_LAG_SD = 0.003
-# [rad/s/sqrt(s)] Max random walk of a gyro bias. Larger values come from model errors in
-# turns, not from the gyro.
+# [rad/s/sqrt(s)] Max sd of the random walk of a gyro bias. Larger values come from model
+# errors in turns, not from the gyro.
 MAX_GYRO_WALK = 0.001
-MIN_STEPS = 10  # min number of different values less 1, to find the step of a quantisation
+# min number of differences between neighbouring values from which the step of a
+# quantisation is estimated
+MIN_STEPS = 10
 
 
 def run(
@@ -63,13 +65,13 @@ def run(
     jobs
         Number of threads.
     say
-        Called with a line of text for each step.
+        Called with a line of progress for each step.
     max_steps
-        Maximum number of steps of the search.
+        Max number of steps of the search; None: the limit of fit().
     reading
         Options for reading the logs.
     road
-        The road of all logs, if it is known.
+        The road of all logs, if it is known. None: bank and grade are fitted.
     """
     if isinstance(vehicle, Path):
         vehicle = read_vehicle(vehicle)
@@ -89,8 +91,8 @@ def run(
 
 
 def place_on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
-    """Return the logs with bank and grade of a known road; without a road, unchanged.
-    Raise UserError if a log is not on this road."""
+    """Return the logs with bank and grade of a known road. If `road` is None, they are
+    returned unchanged. Raise UserError if a log is not on this road."""
     if road is None:
         return list(logs)
     config = Config.exact(vehicle.values)
@@ -153,8 +155,8 @@ def _make_result(
     proofs: list[Proof],
     notes: list[str],
 ) -> CalibrationResult:
-    """Return the result of a calibration: the fit with its findings, sensor
-    settings and proposals."""
+    """Return the result of a calibration: the fit, the findings, the sensor settings, and
+    proposals for the next drive or measurement."""
     if vehicle.formula is not None:
         notes.append(
             f"the formula {vehicle.formula.id} of the vehicle file was simulated unchanged, and is kept"
@@ -176,8 +178,8 @@ def _make_result(
 def _prepare_logs(
     logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say
 ) -> list[PreparedLog | None]:
-    """Return each log prepared for the simulation; None for a log that cannot be compared
-    with a simulation, about which a note is added."""
+    """Return each log prepared for the simulation. If a log cannot be compared with a
+    simulation, its entry is None and a note with the reason is added to `notes`."""
     ready: list[PreparedLog | None] = []
     for log in logs:
         say(f"smoothing {log.path.name}")
@@ -195,15 +197,15 @@ def _prepare_logs(
 
 
 def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
-    """Return the misfit of each fitted log, before and after."""
+    """Return the misfit of each fitted log before and after the calibration."""
     before = _measure_residuals(*_make_filed(problem))
     after = _measure_residuals(problem, problem.to_search(result.x), result.z)
     return [_make_proof(problem, i, False, before, after) for i in range(len(problem.logs))]
 
 
 def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[PreparedLog]) -> list[Proof]:
-    """Return the misfit of each held-out log. Only biases and
-    superelevation are fitted."""
+    """Return the misfit of each held-out log before and after the calibration. In these
+    logs, only biases and superelevation are fitted."""
     car = make_known_car(problem, problem.to_search(result.x))
     other = CarProblem(logs, car, problem.prior.select(()), problem.jobs, road=False)
     filed = CarProblem(logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
@@ -212,8 +214,8 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
-    """Return the problem with car and superelevation of the vehicle file,
-    and its unknowns."""
+    """Return the problem with the car of the vehicle file on level roads, and its
+    unknowns x, in which the superelevation is that of the vehicle file."""
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
@@ -224,16 +226,16 @@ def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
 def _measure_residuals(
     problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None
 ) -> dict[tuple[int, str], float]:
-    """Return the rms of measured minus simulated about its mean, for each pair of
-    log and channel."""
+    """Return (index of the log, channel) -> sd of measured minus simulated, in the unit
+    of the channel. `x` and `z` are the unknowns of car and road."""
     z = np.zeros(problem.knots) if z is None else z
     sensed = problem.compute_sensed_residuals(x, z)
     return {g: float(np.std(e)) for g, e in zip(problem.groups, sensed, strict=True)}
 
 
 def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
-    """Return the misfit of log i. `before` and `after` have the rms for each pair of
-    log and channel."""
+    """Return the misfit of the log with index i. `before` and `after` are results of
+    _measure_residuals()."""
     log = problem.logs[i]
     channels = {}
     for g, (k, c) in enumerate(problem.groups):
@@ -252,15 +254,16 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
     """Return the sensor settings: white noise of a row, random walk of the biases, noise
     of the wheel speeds, sd of the steering lag.
 
-    The random walk is that of the residuals on level roads.
+    The random walks are estimated from the residuals on level roads.
     """
     found = measure_row_noise(logs, problem.config)
     for c, left in problem.measure_lasting(result.level).items():
-        # accel_x is integrated over SPEED_TIME and compared as a speed
+        # The residual of accel_x is integrated over SPEED_TIME, so its unit is m/s.
         walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)
         found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
-    # The filter's prior needs the sd of the total lag of the steering: lag less latency.
+    # The filter needs the prior sd of the total lag of the steering, which is
+    # steering_lag_time - steer_angle_latency.
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign
@@ -270,8 +273,8 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
 
 
 def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
-    """Return the white noise of a row of each channel as settings; of several
-    logs, the largest."""
+    """Return the sd of the white noise in a row of each channel, as settings. If there
+    are several logs, the largest sd is returned."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
@@ -290,7 +293,7 @@ def find_quantisation(x: np.ndarray) -> float:
     """Return the step by which a channel is quantised; 0 if it is not quantised.
 
     A channel is quantised if the differences between its values are integer multiples of
-    the smallest one, which is the step.
+    the smallest difference. This smallest difference is the step.
     """
     apart = np.diff(np.unique(x[np.isfinite(x)]))
     if len(apart) < MIN_STEPS or not (least := float(apart.min())) > 0:

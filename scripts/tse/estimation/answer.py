@@ -13,16 +13,19 @@ from tse.estimation.regimes import format_percent
 from tse.estimation.verdict import CONTRADICTED, Finding, Verdict
 from tse.library.core import Config
 
+# stiffness -> name of its line in the answer
 WHERE = {
     "cy_front": "front, in bends",
     "cy_rear": "rear, in bends",
     "cx_front": "front, along",
 }  # in this order
+# stiffness -> explanation if the excitation was too weak
 LITTLE = {
     "cy_front": "too few bends in this log",
     "cy_rear": "too few bends in this log",
     "cx_front": "too little acceleration in this log",
 }
+# reason why a stiffness is not valid -> explanation in the answer
 WHY_NOT = {
     "starting": "too little excitation since the start",
     "sensor fault": "a sensor was at fault",
@@ -34,15 +37,16 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MAX_ANSWER_STRETCHES = 2  # stretches of road in the answer: the last ones, if the road changed
+MAX_ANSWER_STRETCHES = 2  # max number of stretches of road in the answer, counted from the end
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road.
-    If there are several stretches, a title precedes the lines of each.
+    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road, one for
+    each stiffness. If there are several stretches, a title precedes the lines of each.
 
-    The values are those of compute_held_stiffness(). The longitudinal stiffness shown is
-    that of the driven axle, because the log measures it there.
+    The values are those of compute_held_stiffness(). The longitudinal stiffness is that
+    of the driven axle, because only a driven axle has slip from which it can be
+    estimated.
     """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
@@ -70,24 +74,24 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
 def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
     """Return the stiffness of a stretch of road, and half of its 95 % interval.
 
-    Normally this is the smoothed value. It is the value at the end of the stretch if
-    there is no smoothed value (particle filters), or if the smoothed value is not valid
-    although rows of the stretch are."""
+    Normally the stiffness is the smoothed value. If there is no smoothed value (particle
+    filters), or if it is not valid although rows of the stretch are valid, the stiffness
+    is the value at the end of the stretch."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
 def describe_rest(v: Verdict) -> str:
-    """Return the verdict without the value that compute_held_stiffness() returns, to
-    stand next to that value in a table."""
+    """Return the text of the verdict without the value that compute_held_stiffness()
+    returns. In the report, the text is written next to this value."""
     if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
 
 
 def _make_cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
-    """Return three cells: place, value with 95 % interval, and whether it is usable.
-    `rear` is True for a rear-wheel-driven car."""
+    """Return the three cells of a line: name, value with 95 % interval, and whether the
+    value is usable. `rear` is True for a rear-wheel-driven car."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
     value, band = compute_held_stiffness(v)
     if not np.isfinite(value):

@@ -1,8 +1,9 @@
 """Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults
 of a channel, sliding wheels. Find the stretches of road between the changes.
 
-If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive
-is one stretch."""
+A regime is one of the states in REGIMES, of which the filter computes the probabilities.
+If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive is one
+stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ import pandas as pd
 
 from tse.library.core import STIFFNESS, library
 
-# Columns with the probabilities of the regimes at a row, whose sum is 1, and their names
+# Column with the probability of a regime -> name of the regime. The sum of the
+# probabilities in a row is 1.
 REGIMES = {
     "p_steady": "as before",
     "p_changed": "road changed",
@@ -24,11 +26,11 @@ REGIMES = {
 }
 # Meaning of the values of the column change_kind. 0 means that nothing has changed yet.
 KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}
-# change_kind -> the stiffnesses that such a change affects, whose ratios are reported
+# change_kind -> stiffnesses that such a change affects. Their ratios are reported.
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
-# Regimes that are reported as intervals of time
+# Columns of the regimes that are reported as intervals of time -> name of the interval
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
-# Columns that events are found in, each with the smallest type that holds its values
+# Columns in which events are found -> smallest type that holds the values
 EVENT_COLUMNS: dict[str, type] = {
     **dict.fromkeys(SPELLS, np.float32),
     "estimate_age": np.float32,
@@ -41,12 +43,14 @@ EVENT_COLUMNS: dict[str, type] = {
 # Columns from which the sd of the ratio of a change is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
-# [s] Changes that lie no further apart are one change, and intervals of the same event
-# that lie no further apart are joined.
+# [s] Max time between two reports of the same change, and between two intervals of the
+# same event that are joined
 MAX_JOINED_GAP = 0.5
-MIN_CHANGE = 0.05  # [1] relative change of stiffness; smaller changes are not reported
-MIN_STRETCH = 2.0  # [s] a shorter stretch is joined to a neighbour
-CREEP = 0.01  # [1/s] drift of an estimate that is no change yet, as a share of the following change
+MIN_CHANGE = 0.05  # [1] min relative change of stiffness that is reported
+MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
+# [1/s] Max rate at which an estimate may drift before a change begins, as a share of the
+# size of the change
+CREEP = 0.01
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
 
@@ -54,10 +58,10 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 class Change:
     """A change of tyres or road.
 
-    `time` is when it began. `believed` is the time from which on the estimates describe
-    the road after the change; None if they do so from `time` on. `ratio` has for each
-    stiffness that the change affects the ratio of its values after and before, and the sd
-    of this ratio (NaN if unknown)."""
+    `time` [s] is the time at which the change began. `believed` [s] is the time from
+    which on the estimates describe the road after the change; None: this is `time`.
+    `ratio` has for each stiffness that the change affects: (value after / value before,
+    sd of this ratio). The sd is NaN if it is unknown."""
 
     time: float
     kind: int
@@ -76,7 +80,7 @@ class Change:
 
     @property
     def effect(self) -> str:
-        """The ratios as text; empty if none is known."""
+        """The ratios of the stiffnesses as a string; empty if no ratio is known."""
         parts = []
         for key, (ratio, sd) in self.ratio.items():
             band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
@@ -88,11 +92,11 @@ class Change:
 class Spell:
     """An interval of time in which a channel was at fault or the wheels slid."""
 
-    what: str
+    what: str  # fault or sliding
     start: float  # [s]
     end: float  # [s]
-    probability: float  # max of the interval's rows
-    channel: str = ""  # the channel at fault, if known
+    probability: float  # max probability in the rows of the interval
+    channel: str = ""  # name of the channel at fault; empty if unknown or sliding
 
     @property
     def name(self) -> str:
@@ -105,10 +109,11 @@ class Spell:
 
 @dataclass(frozen=True)
 class Stretch:
-    """The road from one change to the next.
+    """A stretch of road from one change to the next, from `start` [s] to `end` [s].
 
-    `rows` are the rows whose estimates describe this road. They begin at Change.believed.
-    If short stretches were joined, `rows` are those of the longest one."""
+    `rows` are the rows whose estimates describe this stretch. They begin at
+    Change.believed. If short stretches were joined, `rows` are the rows of the
+    longest."""
 
     start: float
     end: float
@@ -116,15 +121,16 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        # A first row whose estimates refer to a time before the log would give "-0.0".
+        # Adding 0.0 turns -0.0 into 0.0. The start is slightly negative if the estimates
+        # in the first row refer to a time before the log.
         start = round(self.start, 1) + 0.0
         return f"{start:.1f} .. {self.end:.1f} s"
 
 
 def estimate_times(table: pd.DataFrame) -> np.ndarray:
-    """Return the time that the estimates in each row refer to, s.
+    """Return the time [s] to which the estimates in each row refer.
 
-    It is earlier than the row's own time if channels are logged with a delay."""
+    If channels are logged with a delay, it is earlier than the time of the row."""
     time = table["time"].to_numpy()
     age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
     return time - np.nan_to_num(age) if np.any(age > 0) else time
@@ -133,14 +139,14 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
 def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Each row reports the age of the last change that the filter has detected. Rows whose
-    reported times differ by at most MAX_JOINED_GAP report the same change; its kind and
-    ratios are those of the last such row. A change is left out if its probability is
-    below MIN_EVENT_PROBABILITY both in the median and in the last of its rows, or if it
-    changes no stiffness by more than MIN_CHANGE.
+    Each row has the age of the last change that the filter has detected (change_age), and
+    thus the time of this change. Rows whose times of the change differ by at most MAX_JOINED_GAP
+    report the same change. Kind and ratios are those in the last of these rows. A change
+    is left out if both the median of its probability over these rows and the probability
+    in the last row are below MIN_EVENT_PROBABILITY, or if no stiffness changes by more than MIN_CHANGE.
 
-    The filter detects a change some time after it began. In between, the estimates may
-    already have followed it. _find_begin() finds the begin."""
+    The filter detects a change some time after the change began. Until then, the
+    estimates may already have drifted. _find_begin() estimates when the change began."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = estimate_times(table), table["change_kind"].to_numpy()
@@ -171,8 +177,8 @@ def _make_change(
 ) -> Change:
     """Return the change that `rows` report.
 
-    `time` is when the change happened by these reports, and `earliest` the time before
-    which it cannot have begun. `times` are those that the rows' estimates refer to."""
+    `time` is the time of the change according to these rows, and `earliest` the earliest
+    time at which it can have begun. `times` is the result of estimate_times()."""
     first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
     probability = columns.get("change_probability", np.full(len(times), np.nan))
@@ -194,17 +200,18 @@ def _make_change(
 def _find_begin(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Find the row after which a change began that the filter detects only after row
+    """Return the row after which a change began, which the filter detected only after row
     `before`. The result lies between `first` and `before`.
 
-    Until the filter detects the change, it attributes the new samples to the old road.
-    Its means therefore drift towards those of the new road, which row `last` has. The
-    drift from a row to `before` is expressed as a share of the whole step, and averaged
-    over the stiffnesses that the change affects. The change began at the row from which
-    on this share exceeds CREEP times the time by most.
+    Until the filter detects the change, it attributes the new samples to the old road. So
+    the estimated means drift towards the means of the new road, which are those of row
+    `last`. The drift between a row and row `before` is expressed as a share of the whole
+    change, and averaged over the stiffnesses that the change affects. The change began at
+    the row at which this share minus CREEP times the time until row `before` is largest.
 
-    A mean also moves while the filter still learns the old road. Then its variance falls,
-    and the first 1.96 sd of what was learnt are not counted as drift."""
+    A mean also moves while the filter still learns the stiffness on the old road. The
+    variance decreases meanwhile. Of a movement, 1.96 times the square root of this
+    decrease is not counted as drift."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
     # The share is at most 1, so it cannot exceed CREEP times more than 1 / CREEP seconds.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))

@@ -1,9 +1,9 @@
-"""Fixed-interval smoother: the stiffness on a stretch of road, from the filter's
-means and sds.
+"""Fixed-interval smoother: compute the stiffness on a stretch of road from the means and
+sds of the filter.
 
-The filter's estimate at a row uses the rows up to it. The smoother also uses the later
-rows of the stretch. It does not use rows after the next change of the road, because the
-filter may attribute the change to the wrong axle."""
+The filter's estimate in a row uses only the rows up to this one. The smoother also uses
+the later rows of the stretch. It does not use rows after the next change of the road,
+because the filter may attribute the change to the wrong axle."""
 
 from collections.abc import Mapping
 
@@ -14,9 +14,9 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min share of a row's variance that later rows can reduce. The remaining part, which no
-# row reduces, is known only at the end of the log and may exceed the variance of an
-# earlier row.
+# Min share of the variance in a row that later rows can reduce. The other part of the
+# variance is the same in all rows. It is computed at the end of the log
+# (compute_fixed_parts()), and may be larger than the variance in an earlier row.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -28,21 +28,21 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
     Parameters
     ----------
     mean, var : (n,) array
-        Mean and variance of the filter at each row, given all rows up to it.
+        Mean and variance of the filter in each row, given the rows up to this one.
     walk : (n - 1,) array
         Variance that the random walk adds from each row to the next. If the filter's
-        variance rises by more between two rows, this rise is taken instead.
+        variance rises by more than this between two rows, its rise is used.
 
     Returns
     -------
     mean, var : (n,) array
-        Mean and variance at each row, given all rows.
+        Mean and variance in each row, given all rows.
 
     Notes
     -----
     Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P) and C = P/(P + Q),
     m += C (m' - m) and P += C^2 (P' - P - Q). m and P are the filter's mean and variance
-    at a row, m' and P' the smoothed ones at the next row.
+    in a row. m' and P' are the smoothed mean and variance in the next row.
     """
     m, p = mean.tolist(), var.tolist()
     q = np.maximum(walk, np.diff(var)).tolist()
@@ -55,8 +55,8 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the part of each stiffness' relative variance that no row reduces: model
-    error and uncertain parameters of the car.
+    """Return the part of the relative variance of each stiffness that measurements do not
+    reduce. It comes from model error and uncertain parameters of the car.
 
     Parameters
     ----------
@@ -84,14 +84,14 @@ def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str,
 
 def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
     """Return the smoothed stiffness on a stretch of road, and the sd of the stiffness in
-    a row drawn at random.
+    a randomly chosen row of the stretch.
 
     Parameters
     ----------
     rows : DataFrame
         Estimates on the stretch: time, status, the stiffness and its sd, as in EST.csv.
     key : str
-        Which stiffness.
+        Key of the stiffness in STIFFNESS.
     config : Config
         Settings of the run, of which steady_walk is used.
     part : float
@@ -102,11 +102,10 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     tuple
         Stiffness and sd in the unit of the column. NaN if every row was refused.
 
-    Notes
-    -----
-    The stiffness is the exponential of the mean of the smoothed logarithms. The variance
-    is the mean of the rows' smoothed variances plus the variance of their smoothed means,
-    so it does not shrink with the number of rows.
+    Notes ----- ln of the stiffness is smoothed, and the returned stiffness is exp of the
+    mean over the rows. The variance is the mean of the smoothed variances plus the
+    variance of the smoothed means over the rows. So it does not decrease with the number
+    of rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[

@@ -1,8 +1,7 @@
-"""Write what was found to an improved vehicle file, and to a C header that sets
-tse_config to the same values.
+"""Write an improved vehicle file with the fitted stiffness and the named effects, and a C
+header that sets tse_config to the same values. Write a formula, if one was found.
 
-Only named effects and a formula are written. Road profiles are not written, because they
-are properties of the road, not of the car.
+Road profiles are not written, because they are properties of the road, not of the car.
 """
 
 from __future__ import annotations
@@ -44,8 +43,8 @@ FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
     """Write the vehicle file and the C header, and return their paths.
 
-    The header is made from the vehicle file read back, so the two agree. A formula is
-    written to files of its own.
+    The vehicle file is read again to make the header, so that the two agree. A formula
+    is written to two more files, FORMULA and FORMULA_HEADER.
     """
     path = out / VEHICLE_FILE
     vehicle = read_vehicle(vehicle_path)
@@ -64,16 +63,18 @@ def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found
 
 
 def write_formula_files(out: Path, improved: Path) -> list[Path]:
-    """Return the paths of the formula's files if the improved vehicle has a formula."""
+    """Return the paths of the formula's files; an empty list if the improved vehicle has
+    no formula.
+    """
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
 def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """Return the text of the vehicle file with the fitted stiffness and
-    the named effects.
+    """Return the content of the vehicle file with the fitted stiffness and the named
+    effects.
 
-    `vehicle` is the file as the user wrote it. Sensor settings that it leaves out must
-    not be filled in.
+    `vehicle` must be the vehicle file as the user wrote it, without estimates for sensor
+    settings that it leaves out (fill_sensors()).
     """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
@@ -124,8 +125,8 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     """Return the fitted stiffness as settings, clipped to their limits.
 
-    The rear longitudinal stiffness changes with the front one by the share that the
-    setting rear_longitudinal_follows_front states.
+    The rear longitudinal stiffness is not fitted. Its relative change is that of the
+    front one times the setting rear_longitudinal_follows_front.
     """
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front
@@ -139,7 +140,7 @@ def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, 
 
 
 def _find_group(key: str) -> str:
-    """Return the heading of a setting in effects.h."""
+    """Return the heading in effects.h under which a setting is written."""
     if key in list_uncertainty_settings():
         return "uncertainty of the parameters"
     if key in list_formula_settings():
@@ -150,8 +151,8 @@ def _find_group(key: str) -> str:
 
 
 def make_header(vehicle: Vehicle) -> str:
-    """Return a C header with a function that sets tse_config as the estimator uses it for
-    this vehicle file, with the sds and the grip of the posterior.
+    """Return a C header with a function that sets tse_config to the values that the
+    estimator uses for this vehicle file, including the sds of [uncertainty].
 
     The header contains no date, so the same vehicle file always gives the same bytes.
     """
@@ -203,5 +204,5 @@ def make_header(vehicle: Vehicle) -> str:
 
 
 def _make_plain(text: str) -> str:
-    """Return text in which nothing ends or nests a C comment."""
+    """Return text for a C comment, without strings that would end or nest the comment."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")

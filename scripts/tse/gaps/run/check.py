@@ -1,5 +1,5 @@
-"""`tselab gap check`: find which effects the logs could show, before any
-effect is fitted.
+"""`tselab gap check`: compute which effects would be visible in the logs, without fitting
+the effects.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ class Check:
     """Result of the check."""
 
     effects: list[detect.Detectable]
-    gap: dict[str, float]  # ratio of residual rms to sensor noise by channel, with fitted stiffness
+    gap: dict[str, float]  # channel -> residual rms / sensor noise, with fitted stiffness
     notes: list[str]
 
     @property
     def code(self) -> int:
-        """Exit code: USABLE if every effect that is searched would be visible at its
-        typical size, NOTHING if no effect would be, otherwise IN_PART.
+        """Exit code: USABLE if every effect except those with the occurrence ABSORBED
+        would be visible at its typical size, NOTHING if no effect would be, otherwise
+        IN_PART.
         """
         if not any(d.visible for d in self.effects):
             return NOTHING
@@ -44,7 +45,7 @@ class Check:
         return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
-        """Return the result as a JSON document, for programs."""
+        """Return the result as a dict for JSON, for programs."""
         return {
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
             "gap": self.gap,
@@ -53,7 +54,7 @@ class Check:
         }
 
     def text(self) -> str:
-        """Return the result as a table and sentences, for people."""
+        """Return the result as a table and sentences, for the terminal."""
         order = sorted(self.effects, key=lambda d: (not d.visible, d.smallest / d.typical))
         rows = [["effect", "parameter", "smallest visible", "typical", "visible", "absorbed by stiffness"]]
         for d in order:
@@ -92,8 +93,8 @@ def check_model(
     say: Callable[[str], None] = lambda _: None,
     reading: Reading | None = None,
 ) -> Check:
-    """Fit stiffness and biases to the logs, and return the smallest visible size of every
-    effect. `say` is called with each step.
+    """Fit stiffness and biases to the logs, and compute the smallest visible size of
+    every effect. `say` is called with the name of each step.
     """
     say("reading the logs")
     notes: list[str] = []

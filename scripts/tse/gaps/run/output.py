@@ -1,6 +1,6 @@
 """Write the files of a run to DIR: verdict.json, vehicle_improved.toml, effects.h,
-residuals.parquet, report.html, gap.png. Also compute what the estimator gains by the
-improved vehicle file.
+residuals.parquet, report.html, gap.png. Also compute by how much the improved vehicle
+file improves the estimates.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ VERDICT_FILE, RESIDUALS_FILE, REPORT_FILE, PICTURE_FILE, ROAD_FILE = (
     "gap.png",
     "road.csv",
 )
+# Columns of residuals.parquet: see make_table()
 RESIDUAL_COLUMNS = (
     "part",
     "log",
@@ -52,18 +53,19 @@ RESIDUAL_COLUMNS = (
     "residual_after",
     "noise",
 )
-BOTH = ("before", "after")
+BOTH = ("before", "after")  # the vehicle file of the user, and the improved one
 
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """The files that write_all() wrote, and the numbers in them that
-    the terminal shows.
+    """The files that write_all() wrote, and the results in them that are printed in the
+    terminal.
     """
 
     files: list[Path]
-    gain: dict[str, Any]  # compute_gain()
-    changes: dict[str, dict[str, ChannelChange]]  # part of the logs -> channel -> before and after
+    gain: dict[str, Any]  # result of compute_gain()
+    # part of the logs -> channel -> residuals before and after
+    changes: dict[str, dict[str, ChannelChange]]
 
 
 def write_all(
@@ -73,9 +75,10 @@ def write_all(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> WrittenFiles:
-    """Do the steps "add" and "show" of the workflow: write all files of a run.
+    """Write all files of a run: the improved vehicle file, the residuals before and
+    after, and the report.
 
-    `say` is called with each step.
+    `say` is called with the name of each step.
     """
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
@@ -96,8 +99,8 @@ def write_all(
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
     stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
-    # Both cars get the same sensor settings. Those that the file leaves out come from the
-    # first log.
+    # Both cars get the same sensor settings: those that the vehicle file leaves out are
+    # estimated from the first log.
     for vehicle in (old, new):
         fill_sensors(vehicle, read[0][2])
     gained = compute_gain(read, old, new, jobs, say)
@@ -130,8 +133,8 @@ def write_all(
 
 
 def write_road_files(out: Path, result: GapResult) -> list[Path]:
-    """Write the roads that were found, and return the paths. Remove road files of an
-    earlier run that are not written again.
+    """Write the estimated roads to files, and return the paths. Remove road files of an
+    earlier run that are not overwritten.
     """
     found = result.roads.list_roads() if result.roads is not None else []
     files = [out / (f"road_{k}.csv" if k > 1 else ROAD_FILE) for k in range(1, len(found) + 1)]
@@ -155,20 +158,23 @@ def make_headline(result: GapResult) -> str:
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
 
 
-# ---- residuals before and after: what the report draws
+# ---- residuals before and after, which the report plots
 
 
 def make_table(
     parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Return a table with a row for each log, channel and block of 40 ms.
+    """Return a table of the residuals, with a row for each log, channel and block of 40
+    ms.
 
-    The columns predicted_* include the sensor bias of the log. The columns residual_* are
-    measured minus predicted, divided by `noise`, the noise of the sensor in a block. With
-    noise alone their rms is 1. They are NaN in blocks without a measurement.
+    The columns are COLUMNS. predicted_* include the fitted sensor bias of the log.
+    `noise` is the sd of the sensor noise in a block mean. residual_* are (measured -
+    predicted) / noise, with an rms of 1 if the residual is noise alone, and NaN in blocks
+    without a measurement.
 
-    `parts` has two problems for each part of the logs: on level roads, which is used for
-    "before", and on the roads that were found, which is used for "after".
+    `parts` has two problems for each part of the logs. The first has level roads and is
+    used for *_before. The second has the estimated roads and is used for *_after.
+    `before` and `after` are the parameter values of the two fits.
     """
     frames = []
     for part, (level, problem) in parts.items():
@@ -198,7 +204,9 @@ def make_table(
 
 
 def list_log_names(problem: Problem) -> list[str]:
-    """Return the names of the logs. If a name occurs again, a number is added."""
+    """Return the names of the logs. If a name occurs more than once, " (2)", " (3)" ...
+    is added from the second on.
+    """
     seen: dict[str, int] = {}
     names = []
     for log in problem.logs:
@@ -209,8 +217,8 @@ def list_log_names(problem: Problem) -> list[str]:
 
 # ---- gain of the estimator
 #
-# There is no true stiffness to compare with. The gain is measured by the log evidence of
-# the rows, in nats, and by the share of the rows that are valid.
+# The true stiffness is unknown. So the gain is measured by the log evidence of the rows,
+# in nats, and by the share of the rows whose estimates are valid.
 
 
 def compute_gain(
@@ -220,10 +228,11 @@ def compute_gain(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Return log evidence per row and share of valid rows with both cars, for all logs
-    together and for each log.
+    """Run the estimator with both cars. Return log evidence per row and share of valid
+    rows, for all logs together and for each log.
 
-    `logs` has part, name and rows of each log. `before` and `after` are the cars.
+    `logs` has part, name and rows of each log. `before` and `after` are the cars of the
+    user's vehicle file and the improved one.
     """
 
     def estimate_log(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
@@ -231,12 +240,12 @@ def compute_gain(
         say(f"estimating {name}")
         return estimate(log, make_config(vehicle, log)[0]).table
 
-    # Threads suffice, because the library releases Python's global lock.
+    # Threads suffice, because the library releases Python's global interpreter lock.
     with ThreadPoolExecutor(max(1, jobs)) as pool:
         tables = list(pool.map(estimate_log, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
     for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
-        # The evidence is compared over the rows in which both runs used a measurement.
+        # The log evidence is compared in the rows in which both runs used a measurement.
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
         drives.append(
             {

@@ -16,11 +16,13 @@ from tse.gaps.fit import ChannelChange
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_picture, set_layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-MAX_GAP_POINTS = 3000  # max number of points of a line; longer logs are thinned such that peaks are kept
-# [s] A line is interrupted if there is no value for longer than this, because the channel
-# was not logged.
+MAX_GAP_POINTS = 3000  # max number of points of a line; longer lines are thinned, but keep their peaks
+# [s] Max time between two points that a line connects. In a longer gap the channel was
+# not logged, and the line is interrupted.
 HOLE = 1.0
-MAX_DRAWN_LOGS = 12  # logs that can be chosen in the figure; if there are more, those with the largest gap
+# Max number of logs that can be chosen in the figure. If there are more, it has those
+# with the largest residuals.
+MAX_DRAWN_LOGS = 12
 PICTURE_SECONDS = 8.0  # [s] length of the interval in gap.png
 
 
@@ -29,8 +31,8 @@ def _list_channels(table: pd.DataFrame) -> list[str]:
 
 
 def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Return part and name of each log. If there are more than MAX_DRAWN_LOGS, return
-    those with the largest residuals.
+    """Return (part, name) of each log. If there are more than MAX_DRAWN_LOGS logs, return those
+    with the largest residuals.
     """
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
     worst = energy.sort_values(ascending=False).head(MAX_DRAWN_LOGS).index
@@ -38,8 +40,8 @@ def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def draw_overlay(table: pd.DataFrame) -> go.Figure:
-    """Plot each channel as measured and as simulated before and after. The user chooses
-    the log from a list.
+    """Plot each channel as measured, as simulated before and as simulated after effects
+    were added. The reader chooses the log from a list.
     """
     channels, logs = _list_channels(table), _list_logs(table)
     figure = make_subplots(
@@ -49,7 +51,7 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
         vertical_spacing=0.05,
         subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels],
     )
-    owner = []
+    owner = []  # index of the log of each line
     for n, (part, log) in enumerate(logs):
         mine = table[(table["part"] == part) & (table["log"] == log)]
         for row, channel in enumerate(channels, 1):
@@ -92,9 +94,9 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
 
 
 def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure:
-    """Plot the ratio of residual rms to noise for each channel, before and after.
+    """Plot the ratio of residual rms to sensor noise for each channel, before and after.
 
-    The error bars are the 95 % interval of the change, from paired blocks.
+    The error bars are the 95 % interval of the change, from a bootstrap of paired blocks.
     """
     figure = make_subplots(
         1,
@@ -144,7 +146,7 @@ def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure
             col=col,
         )
         figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
-    figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
+    figure.update_yaxes(title_text="rms of residual / sensor noise", rangemode="tozero", row=1, col=1)
     return set_layout(figure, 360, barmode="group")
 
 
@@ -152,12 +154,12 @@ def _make_part_title(part: str) -> str:
     return {"fit": "fitted logs", "held_out": "held-out logs"}[part]
 
 
-# ---- the picture
+# ---- gap.png
 
 
 def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
-    """Draw gap.png: the interval in which adding the effects reduced
-    the residual most.
+    """Draw gap.png: the channel, log and interval in which adding the effects reduced the
+    residuals most.
     """
     with open_picture(path) as plt:
         figure, (above, below) = plt.subplots(
@@ -178,7 +180,7 @@ def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
         below.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
         below.plot(time, moment["residual_before"], color=ORANGE, lw=1.1)
         below.plot(time, moment["residual_after"], color=BLUE, lw=1.1)
-        below.set_ylabel("residual\nover noise")
+        below.set_ylabel("residual /\nnoise")
         below.set_xlabel("time [s]")
         for axis in (above, below):
             axis.grid(color="#edf0f3", lw=0.8)
@@ -188,11 +190,11 @@ def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
 
 
 def find_best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
-    """Return the rows of the interval in which the sum of squared residuals fell most,
-    its channel, and the name of its log.
+    """Return the rows of the interval in which the sum of squared residuals decreased
+    most, the channel, and the name of the log.
 
-    The log is a held-out one if there is any. If the residuals changed nowhere, return
-    the interval with the largest residuals.
+    If there are held-out logs, the interval is from one of them. If no residual changed,
+    it is the interval with the largest residuals.
     """
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
     won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)

@@ -1,9 +1,10 @@
-"""`tselab gap plan`: find the manoeuvre that separates two effects A and B best.
+"""`tselab gap plan`: find the manoeuvre that best separates two effects A and B.
 
-A car that has A at its typical size is simulated in each manoeuvre. B is fitted to this
-simulation together with the stiffness. The remaining residual, in units of the sensor
-noise, is the evidence in nats by which such a drive separates A from B. The same is done
-with A and B exchanged, and the smaller evidence counts.
+A car that has effect A at its typical size is simulated in each manoeuvre. Effect B and
+the stiffness are fitted to this simulation. From the remaining residuals, in units of the
+sensor noise, follows the evidence in nats by which such a drive separates A from B
+(compute_expected_nats()). The same is done with A and B exchanged, and the smaller
+evidence counts.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from tse.library.core import Config
 from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
-NEED = 8.0  # [nat] evidence from which on two effects are separated
-# The evidence for the difference of two effects must be at least this share of the
-# evidence for either of them, because models of a real car are not more accurate
-# than that.
+NEED = 8.0  # [nat] min evidence with which two effects count as separated
+# Min ratio of the evidence that separates two effects to the evidence for one of them. If
+# the ratio is smaller, model errors of a real car hide the difference of the effects.
 RIVAL_SHARE = 0.1
-MIN_EXCITED_NATS = 0.1  # [nat] a manoeuvre in which an effect has less evidence does not excite it
-# Relative change of the sum of squares at which a fit ends. It is small because the
-# logs have no noise, so that the sum of squares consists only of the difference of
-# the effects.
+MIN_EXCITED_NATS = 0.1  # [nat] min evidence for an effect in a manoeuvre that excites it
+# Relative change of the sum of squares at which a fit ends. It is small, because the
+# simulated logs have almost no noise, so that the sum of squares consists only of the
+# difference of the effects.
 FIT_TOLERANCE = 1e-6
 MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
-# A smaller share of an effect's evidence counts as 0. Such differences come from the step
-# size of the integration, and no model is that accurate.
+# If the evidence that separates two effects is less than this share of the evidence for
+# one of them, it counts as 0. Such differences come from the step size of the
+# integration.
 SAME = 0.02
-MAX_NEEDED = 3600.0  # [s] effects that need a longer drive count as not separable
+MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need more are not separable
 
 
 @dataclass(frozen=True)
@@ -48,21 +49,23 @@ class Option:
     """One manoeuvre, and the evidence that it gives."""
 
     name: str
-    seconds: float
-    nats: float  # evidence that separates the effects: the smaller of the two directions
-    shows: float  # [nat] evidence for the weaker effect against a car without it
-    # share of an effect's evidence that the other effect cannot explain
+    seconds: float  # [s] length of the manoeuvre
+    # [nat] evidence that separates the effects: the smaller one of A from B and B from A
+    nats: float
+    shows: float  # [nat] evidence for an effect against a car without it, of the weaker effect
+    # ratio of the evidence that separates the effects to the evidence for the effect; the
+    # smaller ratio of the two effects
     share: float
 
     @property
     def needed(self) -> float:
-        """[s] the time that the manoeuvre must be driven to give NEED nats."""
+        """[s] Time for which the manoeuvre must be driven to give NEED nats."""
         return NEED * self.seconds / self.nats if self.nats > 0 else float("inf")
 
 
 @dataclass(frozen=True)
 class ManeuverPlan:
-    """All manoeuvres for two effects, the best one first."""
+    """Manoeuvres that may separate two effects, the best one first."""
 
     first: str
     second: str
@@ -116,8 +119,8 @@ class ManeuverPlan:
 def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> ManeuverPlan:
-    """Return the plan for two effects, given as "A,B", over all manoeuvres
-    of the library.
+    """Return the plan for two effects, which are given as "A,B", with all manoeuvres of
+    make_candidates().
     """
     first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
@@ -133,7 +136,7 @@ def make_plan(
 
 
 def read_pair(separate: str) -> tuple[Effect, Effect]:
-    """Return the two effects of the option --separate."""
+    """Return the two effects that the option --separate names."""
     known = load_catalogue()
     ids = [x.strip() for x in separate.split(",") if x.strip()]
     for i in ids:
@@ -148,15 +151,15 @@ def read_pair(separate: str) -> tuple[Effect, Effect]:
 
 
 def compute_worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Return the evidence that a manoeuvre gives: for the difference of the two
-    effects (the smaller of both directions), and for the weaker effect against a fit
-    of the stiffness alone.
+    """Return the evidence that a manoeuvre gives: the evidence that separates the two
+    effects from each other, and the evidence for an effect against a fit of the stiffness
+    alone. Each is computed for both effects, and the smaller one counts.
     """
     problem = Problem(prepare_candidate(candidate, config), config)
     both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
         problem.measure(make_typical_values(problem, hidden))
-        # If the manoeuvre does not excite the effect, there is nothing to fit.
+        # If the manoeuvre does not excite the effect, nothing is fitted.
         if compute_expected_nats(problem, problem.compute_residuals({})) < MIN_EXCITED_NATS:
             shows.append(0.0)
             both.append(0.0)
@@ -179,9 +182,9 @@ def compute_worth(candidate: Candidate, config: Config, first: Effect, second: E
 
 
 def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Return the expected evidence for the true model against a different one, in nats.
+    """Return the expected evidence [nat] for the true model against a different model.
 
-    `residuals` are what the different model leaves of a log without noise.
+    `residuals` are the residuals of the different model in a log without noise.
     """
     total = 0.0
     for c in np.unique(problem.rows.channel):
@@ -192,8 +195,8 @@ def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def make_typical_values(problem: Problem, e: Effect) -> dict[Key, float]:
-    """Return the values of an effect at its typical size. A road profile is a sine with
-    the wavelength ROAD_WAVELENGTH.
+    """Return the parameter values of an effect of typical size. A road profile is a sine
+    with the wavelength WAVE.
     """
     if e.id in PROFILES:
         p = e.strengths[0]

@@ -1,10 +1,11 @@
-"""Compute how well the improved car is known: the joint covariance of its stiffness, of
-the named effects, and of effects that were not named but have a prior sd. The effects
-without a name change no mean, but they widen the intervals of the other parameters.
+"""Compute how accurately the parameters of the improved car are known: the joint
+covariance of stiffness, named effects, and effects that are not named but have a prior
+sd. The effects that are not named change no mean, but widen the intervals of the other
+parameters.
 
-The covariance is that of the fit (identify/fit.py), evaluated at the values found. The
-prior sd of an effect without a name is that of [uncertainty] in the vehicle file, or of
-the class of the car.
+The covariance is computed as in the fit of a calibration (identify/fit.py), at the values
+that were found. The prior sd of an effect that is not named is stated in [uncertainty] of
+the vehicle file, or by the class of the car.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from tse.identify.vehicle_file import estimate_model_sd
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
 
-# sd of a common factor of mass, yaw inertia and all stiffnesses. Logs cannot show such a
-# factor, so this sd stays as it was.
+# Setting with the sd of a common factor of mass, yaw inertia and all stiffnesses. A
+# common factor has no influence on the motion, so logs cannot reduce this sd.
 SCALE = "mass_sd"
 
 
@@ -44,13 +45,15 @@ class Posterior:
 
     @property
     def stiffness(self) -> dict[str, float]:
-        """Ratio of each stiffness to that of the vehicle file."""
+        """Ratio of each stiffness to its value in the vehicle file."""
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
-    def compute_sd(self, name: str) -> float:
-        """Return the sd of a parameter. For a parameter in SCALE_PARTNERS (the scale of
-        accel_y), return the sd of its sum with the weighted partner (body roll), because
-        logs show only this sum.
+    def sd(self, name: str) -> float:
+        """Return the sd of a parameter.
+
+        For a parameter in SCALE_PARTNERS (the scale of accel_y), return the sd of its sum
+        with the weighted partner (body roll), because only this sum can be estimated from
+        logs.
         """
         weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
@@ -59,8 +62,9 @@ class Posterior:
     def make_uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
-        Settings that this posterior contains are replaced, but not by less than MIN_SD,
-        the accuracy of any model of a car. Other settings stay as they are.
+        Settings whose parameters are in this posterior get the sds of the posterior, but
+        not less than MIN_SD, the best accuracy of a model of a car. Other settings keep
+        their values.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
@@ -75,8 +79,8 @@ class Posterior:
     def make_calibration(self) -> dict[str, Any]:
         """Return names, mean and covariance for format_calibration_table().
 
-        Stiffness is given by the ln of its ratio to the improved vehicle file, so its
-        mean is 0.
+        A stiffness is represented by ln of its ratio to the improved vehicle file, which
+        has the mean 0.
         """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
@@ -101,24 +105,25 @@ def compute_posterior(
     problem, fit
         The fitted logs and their fit with the named effects.
     vehicle
-        The car before, from the vehicle file.
+        The car of the user's vehicle file.
     settings
         Settings of the formula that is part of the fit; empty without a formula.
     logs
         The fitted logs as they were read.
     spread
-        Covariance of ln stiffness over sets of effects that explain the logs as well as
-        the named ones.
+        Covariance of ln stiffness between the sets of effects that explain the logs
+        (Naming.spread). None: 0.
 
     Notes
     -----
-    model_sd is computed without the formula, because the estimator does not use formulas
-    and what they explain is model error there.
+    model_sd is computed without the formula, because the estimator does not use formulas:
+    the part of the residuals that a formula explains is a model error there.
 
-    The wheel speeds drive the simulation. If it does not explain accel_x, the fitted
-    longitudinal stiffness only smooths the noise of the wheel speeds, and was 13 to 45 %
-    too soft for three multi-body cars. In this case the longitudinal stiffness is that of
-    a calibration of the slip, or else that of the vehicle file.
+    The measured wheel speeds drive the simulation. If the simulation does not explain
+    accel_x, the fit adapts the longitudinal stiffness such that it smooths the noise of
+    the wheel speeds. For three simulated multi-body cars the result was 13 to 45 % too
+    soft. In this case the longitudinal stiffness is taken from a calibration of the slip,
+    or from the vehicle file if this calibration is not possible.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}

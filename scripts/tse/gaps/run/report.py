@@ -1,5 +1,5 @@
-"""Write DIR/report.html of the gap workflow: one file that loads no other file and begins
-with the verdict.
+"""Write DIR/report.html of the gap workflow: one self-contained file that begins with the
+verdict.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEADLINE = {
     "possible": "Possible",
     "not_in_catalogue": "Not in the catalogue",
 }
-MAX_CONDITIONS = 12
+MAX_CONDITIONS = 12  # max number of conditions in the report
 
 
 @dataclass
@@ -37,10 +37,11 @@ class ReportInput:
 
     result: GapResult
     vehicle: str
-    table: pd.DataFrame  # output.make_table()
-    parts: Mapping[str, Mapping[str, ChannelChange]]
-    gain: Mapping[str, Any]  # output.compute_gain()
-    stiffness: Mapping[str, float]  # ratio of the improved vehicle file to the vehicle file
+    table: pd.DataFrame  # result of output.make_table()
+    parts: Mapping[str, Mapping[str, ChannelChange]]  # part of the logs -> channel -> change
+    gain: Mapping[str, Any]  # result of output.compute_gain()
+    # stiffness -> ratio of its value in the improved vehicle file to that in the user's
+    stiffness: Mapping[str, float]
     notes: list[str] = field(default_factory=list)
 
 
@@ -52,7 +53,7 @@ def write_report(path: Path, shown: ReportInput) -> None:
         (
             "The gap before and after",
             "Residual divided by sensor noise; 1 is noise alone. Bars: rms over all logs. Error bars: "
-            f"95 % interval of the change, by resampling pairs of 2 s blocks.{claim}",
+            f"95 % interval of the change, from a bootstrap of paired blocks of 2 s.{claim}",
             pictures.draw_gap_bars(shown.parts),
         ),
         (
@@ -84,7 +85,7 @@ def format_percent(x: float) -> str:
 
 
 def format_size(x: float, unit: str = "", digits: int = 3) -> str:
-    """Return a size with its unit; "never" if it is infinite."""
+    """Return the size of an effect with its unit; "never" if it is infinite."""
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
@@ -94,7 +95,7 @@ def sort_by_size(found: Sequence[Any]) -> list[Any]:
 
 
 def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return the gain of the estimator as rows: quantity, before, after."""
+    """Return the gain of the estimator as rows of a table: quantity, before, after."""
 
     def make_row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
         return title, say(of["before"]), say(of["after"])
@@ -117,7 +118,7 @@ def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def list_facts(shown: ReportInput) -> list[tuple[str, str]]:
-    """Return name and value of each fact of the run: logs, sensor noise, stiffness."""
+    """Return the facts of the run as (name, value): logs, sensor noise, stiffness."""
     problem, held = shown.result.problem, shown.result.held
     baseline = shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]

@@ -1,6 +1,7 @@
-"""Residuals of the simulation in three stages, in the units of the sensors: with
-the vehicle file, after calibrating the parameters that every car has, and with
-the named effects."""
+"""Compute the rms of the residuals in three stages, in the units of the channels: with
+the vehicle file, after a calibration of the parameters that every car has, and with the
+named effects.
+"""
 
 from __future__ import annotations
 
@@ -18,30 +19,32 @@ from tse.identify.fit import fit
 from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, make_prior
 from tse.library.core import Config
 
-# Parameters that the second stage calibrates: the unknowns of a calibration that every
-# car has and that are no effects of the catalogue. Biases are fitted in all stages.
+# Parameters that are calibrated in the second stage: those that every car has and that
+# are no effects of the catalogue. Sensor biases are fitted in all three stages.
 EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Rms values of one channel over some logs, computed from means over 40 ms."""
+    """Rms values of one channel over some logs, from block means over 40 ms, in the unit
+    of the channel.
+    """
 
-    signal: float  # of the measurement about its mean in each log
-    filed: float  # of the residual with the vehicle file
-    calibrated: float  # of the residual after calibrating EVERY_CAR
-    named: float  # of the residual with the named effects
-    noise: float  # of the sensor noise
+    signal: float  # rms of the measurement about its mean in each log
+    filed: float  # rms of the residual with the vehicle file
+    calibrated: float  # rms of the residual after EVERY_CAR was calibrated
+    named: float  # rms of the residual with the named effects
+    noise: float  # rms of the sensor noise in a block mean
 
     @property
     def explained(self) -> float:
-        """Share of the signal's mean square that the last stage explains."""
+        """Share of the signal's mean square that the last stage (`named`) explains."""
         return 1.0 - (self.named / max(self.signal, 1e-300)) ** 2
 
 
 def calibrate_every_car(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
-    """Return the car with the parameters EVERY_CAR fitted on level roads. `ready` are the
-    logs that data.prepare() returns.
+    """Fit the parameters EVERY_CAR with all roads assumed level, and return the settings
+    of the car with the fitted values. `ready` has the logs from data.prepare().
     """
     prior = make_prior(vehicle, config).select(EVERY_CAR)
     problem = car.CarProblem(
@@ -60,11 +63,11 @@ def compute_stages(
     level
         The logs on level roads, with the car of the vehicle file.
     ready
-        The same logs as data.prepare() returns them.
+        The same logs, as returned by data.prepare().
     found
-        The car of calibrate_every_car().
+        The car that calibrate_every_car() returned.
     named
-        The logs on the roads that were found, and the values of the named effects.
+        The logs on the estimated roads, and the fitted values with the named effects.
     """
     again = Problem([remove_latencies(log, found) for log in ready], found, level.jobs)
     left = [
@@ -95,8 +98,8 @@ def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
 
 
 def describe_stages(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
-    """Return a sentence for each channel of each part of the logs. `title` returns the
-    name of a part.
+    """Return a sentence for each channel of each part of the logs. `title` converts a
+    part to the words for it.
     """
     return [
         f"{c} of {title(part)}: rms error {s.filed:.3g} {CHANNEL_UNIT[c]} with the vehicle file, "

@@ -1,5 +1,5 @@
 """`tselab gap`: find where simulation and logs disagree, name the missing effects, search
-a formula if the names leave a remainder, and describe the result.
+for a formula if the named effects leave a remainder, and describe the result.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import add_road, match_log
 
-# Key of EXIT for results that are less certain than a name: below NAME_AT, or look-alikes
+# Key of EXIT for uncertain results: the probability of an effect is below NAME_AT, or
+# each named effect has look-alikes
 DOUBTFUL = "below 90 %, or look-alikes"
-EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # exit codes
-MIN_UNNAMED_PROBABILITY = 0.5  # min probability of an effect without a name that makes the verdict "possible"
-FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
+EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # verdict -> exit code
+MIN_UNNAMED_PROBABILITY = 0.5  # min probability of an effect without a name for the verdict "possible"
+FIT, HELD_OUT = "fit", "held_out"  # the two parts of the logs: fitted, and held out
 
 
 @dataclass
@@ -48,11 +49,12 @@ class Found:
     """The named effects, and the formula for the remainder that they leave."""
 
     naming: name.Naming
-    # result of the search of a formula; None if no formula was searched
+    # result of the search for a formula; None if there was no search
     discovery: Discovery | None = None
     # the combinations of names and formulas that were compared, with their probabilities
     rivals: list[dict[str, Any]] = field(default_factory=list)
-    read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # each log with its part
+    # part (FIT or HELD_OUT) and data of each log
+    read: list[tuple[str, CheckedLog]] = field(default_factory=list)
     roads: Roads | None = None  # the roads of the fitted logs
 
     @property
@@ -83,21 +85,25 @@ class GapResult(Found):
 
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
-    words: list[str]
+    words: list[str]  # sentences that describe the result
     problem: Problem  # the fitted logs, on the roads that were found
     level: Problem  # the fitted logs on level roads
-    stages: dict[str, dict[str, Stage]]  # part of the logs -> channel -> residuals in its unit
+    # part of the logs -> channel -> rms of the residuals, in the unit of the channel
+    stages: dict[str, dict[str, Stage]]
     conditions: list[where.Condition]
     entries: list[where.Entry]
-    remainders: list[remainder.Remainder]
+    remainders: list[remainder.Remainder]  # remaining errors of the fitted logs
     elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
+    # channel -> ratio of residual rms to sensor noise in the fitted logs, before and
+    # after effects were added
     fit_before: dict[str, float]
     fit_after: dict[str, float]
-    held_out: dict[str, ChannelChange]
+    held_out: dict[str, ChannelChange]  # channel -> change of the residuals of the held-out logs
+    # effects that are not visible at typical size, without look-alikes of named effects
     undetectable: list[detect.Detectable]
-    detectable: list[detect.Detectable]
+    detectable: list[detect.Detectable]  # all effects that are not named
     notes: list[str] = field(default_factory=list)
-    # the held-out logs, on the roads of the fitted logs if they match one of them
+    # the held-out logs, each on the road of the fitted logs that it matches, if any
     held: Problem | None = None
     held_level: Problem | None = None  # the held-out logs on level roads
 
@@ -161,8 +167,8 @@ def read_logs(
     reading: Reading | None = None,
     notes: list[str] | None = None,
 ) -> tuple[list[CheckedLog], Config]:
-    """Read the logs. Fill in the sensor settings that the vehicle file leaves out, from
-    the first log, and return the settings of the car.
+    """Read the logs, and return them and the settings of the car. Sensor settings that
+    the vehicle file leaves out are estimated from the first log.
     """
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
@@ -183,10 +189,11 @@ def run_workflow(
 ) -> GapResult:
     """Find the effects that are missing in the vehicle file.
 
-    `logs` are fitted. The logs `hold_out` test whether the result also holds for logs
-    that were not fitted. `road` is the road of all logs, if it is known; otherwise laps
-    of the same road are detected. A formula is searched if the named effects leave a
-    remainder, and always if `formula` is True. `say` is called with each step.
+    `logs` are fitted. The logs `hold_out` are not fitted, but test whether the result
+    also holds for them. `road` is the road of all logs, if it is known; None: it is
+    estimated, with one profile for laps of the same road. If the named effects leave a
+    remainder or `formula` is True, a formula is searched for. `say` is called with the
+    name of each step.
     """
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
@@ -219,7 +226,7 @@ def run_workflow(
         few = choose_excerpt(problem, name.fit_plain_car(problem))
         few_baseline = name.fit_plain_car(few.of([replace(log, road={}) for log in few.logs]))
         notes.append(
-            f"effects are searched in the most informative {_count_seconds(few):.0f} s of "
+            f"the search for effects uses the most informative {_count_seconds(few):.0f} s of "
             f"{_count_seconds(problem):.0f} s"
         )
     if held is not None and is_long(held):
@@ -233,9 +240,7 @@ def run_workflow(
     say("checking what the named effects do not explain")
     found = Found(naming)
     if vehicle.formula is not None:
-        notes.append(
-            f"the formula {vehicle.formula.id} of the vehicle file is kept, so no formula is searched"
-        )
+        notes.append(f"the formula {vehicle.formula.id} of the vehicle file is kept, so none is searched for")
     elif formula or leaves_something(few_held, naming) or find_excess_remainders(few, naming.final):
         discovery, naming, rivals = explain_remainder(few, few_held, naming, say)
         found = Found(naming, discovery, rivals)
@@ -252,7 +257,7 @@ def run_workflow(
             discovery=found.discovery and search.refit_on_all(problem, naming.final, found.discovery),
         )
 
-    if found.formula:  # the vehicle file gets the sizes from the fit together with the formula
+    if found.formula:  # the vehicle file gets the sizes that were fitted together with the formula
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
     changes: dict[str, ChannelChange] = {}
@@ -305,8 +310,8 @@ def run_workflow(
 
 
 def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the car without effects fits better on the roads that were found
-    than on level roads.
+    """Return whether the gap of the car without effects is smaller on the estimated roads
+    (`problem`) than on level roads (`level`, with the fit `baseline`).
     """
     return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
         level, baseline.residuals
@@ -321,8 +326,8 @@ def place_on_roads(
     config: Config,
     notes: list[str],
 ) -> Problem:
-    """Return the held-out logs, each on the road of the fitted logs that it matches. A
-    log that matches none of them stays on a level road.
+    """Return the held-out logs, each with bank and grade of the road of the fitted logs
+    that it matches. A log that matches no road keeps a level road.
     """
     placed = []
     for log, one in zip(logs, ready, strict=True):
@@ -340,8 +345,11 @@ def place_on_roads(
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
-    """Return whether the named effects, which explain the fitted logs, leave an error in
-    the held-out logs. Several effects that together imitate a missing one may do so.
+    """Return whether the named effects leave an error above the noise in the held-out
+    logs.
+
+    This happens if several effects that fit the fitted logs only imitate an effect that
+    is missing in the catalogue.
     """
     if held is None or not naming.named:
         return False
@@ -352,7 +360,7 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
 
 
 def _count_seconds(problem: Problem) -> float:
-    """Return the total length of the logs, s."""
+    """Return the total length [s] of the logs."""
     return sum(log.seconds for log in problem.logs)
 
 
@@ -374,8 +382,8 @@ def judge_run(
 ) -> tuple[str, int, list[str]]:
     """Return the verdict, the exit code, and sentences that describe the result.
 
-    `left` are the remaining errors of the fitted logs with names and formula. `elsewhere`
-    are the remaining errors of the held-out logs.
+    `left` has the remaining errors of the fitted logs, with named effects and formula.
+    `elsewhere` has the remaining errors of the held-out logs.
     """
     naming, formula = found.naming, found.formula
     remains = drop_noise(left)
@@ -442,8 +450,8 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return the sensor errors among the named effects: latencies of channels that differ
-    from the vehicle file, and low-pass filters of the IMU.
+    """Return the named effects whose cause is in the messages or the IMU: latencies of
+    channels that differ from the vehicle file, and low-pass filters of the IMU.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -467,9 +475,9 @@ def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequen
     """Return half the width of the 95 % interval of each latency.
 
     A latency may depend on several named effects, such as the delays of the IMU and of
-    the steering. Their intervals are propagated linearly and added as if the effects were
-    independent. Linear propagation is accurate because a delay is too far from 0 to
-    change its sign.
+    the steering. The half widths of their intervals are propagated linearly, and added
+    in quadrature as if the effects were independent. A latency is linear in a delay as
+    long as the delay keeps its sign, and named delays are too far from 0 to change it.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # s
@@ -497,7 +505,9 @@ def _describe_road(n: Named, laps: int) -> str:
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
     other = ""
-    if n.effect.id == "grade" and laps == 1:  # only accel_x shows a grade, since wheels give the speed
+    if n.effect.id == "grade" and laps == 1:
+        # The wheels measure the speed, so a grade is visible in accel_x only, as a bias
+        # is.
         other = f" One lap cannot exclude that the accel_x bias varies by {GRAVITY * size:.2g} m/s2."
     return (
         f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees rms (95 %: {degrees}){same} "
@@ -534,7 +544,9 @@ def _describe_name(n: Named, laps: int = 1) -> str:
 
 
 def _describe_axle_friction(n: Named) -> str:
-    """Return text with the friction of each axle; empty if both axles have the same."""
+    """Return the friction of each axle as part of a sentence; an empty string if both
+    axles have the same friction.
+    """
     inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
     if not inverse or not balance:
         return ""
