@@ -45,8 +45,7 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
     each stiffness. If there are several stretches, a title precedes the lines of each.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness is that
-    of the driven axle, because only a driven axle has slip from which it can be
-    estimated.
+    of the driven axle, because the filter assumes that the other axle rolls freely.
     """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0

@@ -1,7 +1,7 @@
 """Run the filter over a log and write the table of estimates (EST.csv or .parquet).
 
-A run may start from a learnt state of an earlier drive: bytes that the library writes
-and reads (tse/learnt.h)."""
+A run may start from the learnt state of an earlier drive: what the filter has learnt
+about the car there, as bytes that the library writes and reads (tse/learnt.h)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MAX_LEARNT = 1 << 16  # [bytes] read at most of a file; every learnt state is shorter
+DAY = 86400.0  # [s] one day
+MAX_LEARNT = 1 << 16  # [bytes] max length that is read of a file; every learnt state is shorter
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,11 @@ class Learnt:
 
     path: Path
     data: bytes
-    age: float  # [s] time since the drive that it was learnt on
-    given: bool  # True if the user gave the age, False if it is the age of the file
+    age: float  # [s] time since the drive on which the state was learnt
+    given: bool  # True if the user stated the age, False if it is the age of the file
 
     def load(self, filter_: NativeFilter) -> None:
-        """Load the state into the filter. Raise UserError if the library refuses it."""
+        """Load the state into the filter. Raise UserError if the library rejects it."""
         try:
             filter_.load_learnt(self.data, self.age)
         except LearntError as error:
@@ -73,8 +74,8 @@ class Learnt:
 def read_learnt(path: Path, age: float | None = None) -> Learnt:
     """Read a file that write_learnt() wrote.
 
-    `age` is the time since that drive in s. If it is None, the age of the
-    file is taken."""
+    `age` is the time [s] since the drive on which the state was learnt. None: the age of
+    the file is used."""
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_LEARNT)
@@ -91,27 +92,28 @@ def write_learnt(path: Path, data: bytes) -> None:
 
 # ---- Rows as CSV
 #
-# orjson writes the numbers, Arrow the columns that orjson cannot write. To write the ten
-# million cells of a long log, pandas takes 8 s, Arrow 1 s and orjson 0.25 s.
+# For speed, numbers are converted to text by orjson. Tables with cells that orjson would
+# not write correctly are written by Arrow. For the ten million cells of a long log,
+# pandas takes 8 s, Arrow 1 s and orjson 0.25 s.
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
-# Range of the absolute values for which orjson and Arrow write the same digits, for
-# single ("f") and double ("d") precision
+# Precision, single ("f") or double ("d") -> range of absolute values for which orjson and
+# Arrow write the same digits
 SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}
-MAX_WHOLE = 1 << 24  # single precision represents every whole number up to this one exactly
+MAX_WHOLE = 1 << 24  # single precision represents all integers up to this one exactly
 
 
 def make_csv_header(table: Columns) -> bytes:
-    """Return the header line with the column names."""
+    """Return the header line of the CSV file: the column names."""
     return pd.DataFrame(columns=list(table)).to_csv(index=False, lineterminator="\n").encode()
 
 
 def make_csv_rows(table: Columns) -> bytes:
     """Return the rows as lines of CSV.
 
-    Each number has the fewest digits from which the same bits are read back. Missing
-    values are empty cells."""
+    Each number has the smallest number of digits from which the same bits are read back.
+    Missing values are empty cells."""
     columns = [getattr(column, "array", column) for _, column in table.items()]
     columns = [c if isinstance(c, pd.Categorical) else np.asarray(c) for c in columns]
     if not columns or not len(columns[0]):
@@ -127,7 +129,7 @@ def make_csv_rows(table: Columns) -> bytes:
 
 
 def _find_kind(column: Any) -> tuple[str, bool, bool]:
-    """Return how a column is to be written.
+    """Return how the cells of a column can be converted to text.
 
     Returns
     -------
@@ -135,26 +137,26 @@ def _find_kind(column: Any) -> tuple[str, bool, bool]:
         "words" for a Categorical, "d" for double precision, "f" for single precision and
         integers. Empty if only Arrow can write the column.
     same : bool
-        True if all cells have the same text. The text is then made only once.
+        True if all cells have the same text. Only one cell is then converted.
     plain : bool
-        True if no number is missing or whole. Missing and whole numbers must be edited
-        after orjson, which writes "null" and "2.0" for them."""
+        True if no number is missing or an integer. orjson writes "null" and "2.0" for
+        these, which _join_cells() replaces by "" and "2"."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
         return "", False, False
     missing = values != values
     same = bool((values == values[0]).all() or missing.all())
-    if same and values[0] == 0:  # 0.0 and -0.0 are equal, but their texts differ
+    if same and values[0] == 0:  # 0.0 and -0.0 are equal, but are written differently
         same = bool(np.signbit(values).all() == np.signbit(values).any())
     plain = values.dtype.kind == "f" and not bool((missing | (np.floor(values) == values)).any())
     return "words" if words else "d" if values.dtype == np.float64 else "f", same, plain
 
 
 def _join_cells(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None:
-    """Return one string a row: the cells of these columns, joined by commas.
+    """Return one string for each row: the cells of these columns, joined by commas.
 
-    Return None if only Arrow can write one of them."""
+    Return None if only Arrow can write one of the columns."""
     if kind == "words":
         return _encode_words(columns)
     if not kind or any(
@@ -167,7 +169,7 @@ def _join_cells(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] |
     size, (low, high) = np.abs(block), SAME_TEXT[kind]
     if ((size >= high) | ((size < low) & (size > 0))).any():
         return None
-    text = orjson.dumps(block, option=orjson.OPT_SERIALIZE_NUMPY)[2:-1]  # such as 1.5,null],[2.0,0.5]
+    text = orjson.dumps(block, option=orjson.OPT_SERIALIZE_NUMPY)[2:-1]  # e.g. 1.5,null],[2.0,0.5]
     if not plain:
         text = text.replace(b"null", b"").replace(b".0,", b",").replace(b".0]", b"]")
     return text[:-1].split(b"],[")
@@ -178,13 +180,14 @@ def _encode_words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
     for column in columns:
         words = [*map(str, column.categories), ""]
         if any(c in word for word in words for c in ',"\r\n'):
-            return None  # CSV needs quotes around this word, which Arrow writes
+            return None  # CSV needs quotes around this word; only Arrow writes them
         found.append(np.array([word.encode() for word in words], object)[column.codes].tolist())
     return list(map(b",".join, zip(*found, strict=True)))
 
 
 def _write_rows_by_arrow(table: Columns) -> bytes:
-    """Return the rows as lines of CSV, whatever numbers and words they contain."""
+    """Return the rows as lines of CSV, written by Arrow. All numbers and strings are
+    allowed."""
     import pyarrow as pa
     from pyarrow.csv import WriteOptions, write_csv
 
@@ -202,8 +205,8 @@ def _write_rows_by_arrow(table: Columns) -> bytes:
     try:
         return write_lines("none")
     except pa.ArrowInvalid:
-        # A string contains a comma, a quote or a line break. Arrow then puts quotes
-        # around every string, so this is not the first choice.
+        # A string contains a comma, a quote or a line break. With "needed", Arrow puts
+        # quotes around all strings, so "none" is tried first.
         return write_lines("needed")
 
 
@@ -221,11 +224,15 @@ def _make_arrow(column: Any) -> pa.Array:
 # ---- the filter over a log
 
 
-ROWS_AT_A_TIME = 64  # rows after which Ctrl-C is checked and the progress bar is updated
-BLOCK = 2048  # rows that are in memory with all their columns at one time
-MAX_SUMMARY = 1 << 19  # rows of a summary: 87 minutes at 100 Hz. Of longer logs every n-th row is kept
-GROUP = 4 * BLOCK  # rows of a row group in a Parquet file
-DOUBLE = ("time", "log_evidence")  # columns that stay double: small differences of large values
+ROWS_AT_A_TIME = 64  # number of rows after which Ctrl-C is checked and the progress bar is updated
+BLOCK = 2048  # number of rows that are in memory with all columns at one time
+# Max number of rows of a summary: 87 minutes at 100 Hz. Of longer logs, every n-th row is
+# kept.
+MAX_SUMMARY = 1 << 19
+GROUP = 4 * BLOCK  # number of rows of a row group in a Parquet file
+# columns that are written in double precision, because small differences of large values
+# are significant
+DOUBLE = ("time", "log_evidence")
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # reason in every row whose status is negative
 
@@ -239,11 +246,10 @@ class Estimates:
 
     table: pd.DataFrame
     interrupted: bool  # True if Ctrl-C ended the run before the last row
-    learnt: bytes | None = None  # state for NativeFilter.load_learnt(); None if there is nothing to save
-    # NativeFilter.uncertainty_sd() after the last row
+    learnt: bytes | None = None  # for NativeFilter.load_learnt(); None: nothing was learnt
+    # result of NativeFilter.uncertainty_sd() after the last row
     uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
-    # status -> number of rows of the log that have it, also rows that the table
-    # leaves out
+    # status -> number of rows with this status, including rows that are not in the table
     statuses: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -257,13 +263,14 @@ class Estimates:
 def list_est_fields() -> list[Field]:
     """Return the library's outputs in the order of EST.csv.
 
-    Outputs that were added in later versions come last, so that older columns
-    keep their places."""
+    Outputs that were added in later versions come last, so that the older columns keep
+    their positions."""
     return sorted(library().fields(OUTPUT), key=lambda f: _find_generation(f.name))
 
 
 def _find_generation(name: str) -> int:
-    """Return in which order an output was added to EST.csv: 0 first, 4 last."""
+    """Return the number of the version in which an output was added to EST.csv: 0 for the
+    first version, 4 for the last one."""
     if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
@@ -278,7 +285,7 @@ def _find_generation(name: str) -> int:
 
 @functools.lru_cache(maxsize=1)
 def list_est_columns() -> list[str]:
-    """Return the columns of EST.csv, in order."""
+    """Return the names of the columns of EST.csv, in their order."""
     names = [f.name for f in list_est_fields()]
     reasons = [f"{s}_reason" for s in STIFFNESS]
     of = {g: [n for n in names if _find_generation(n) == g] for g in range(5)}
@@ -292,10 +299,12 @@ def estimate(
     learnt: Learnt | None = None,
     contradicted: bool = False,
 ) -> Estimates:
-    """Run the filter over a log. Ctrl-C ends the run early; the rows done are kept.
+    """Run the filter over a log. Ctrl-C ends the run early, and the estimates up to there
+    are returned.
 
-    `learnt` is the state to start from. If `contradicted` is True, the channels of the
-    log contradict each other, and every valid row is marked implausible."""
+    `learnt` is the state from which the run starts. `contradicted` must be True if the
+    channels of the log contradict each other. Every valid row is then marked as
+    implausible."""
     tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     state, uncertainty_sd = _run_filter(log, config, take, progress, learnt, contradicted)
@@ -314,10 +323,10 @@ def estimate_to(
 ) -> Estimates:
     """Run the filter over a log, and write EST.csv or .parquet block by block.
 
-    The table of the result has only the columns of SUMMARY and at most MAX_SUMMARY
-    rows, which limits the memory needed. If `path` is None, no file is written. The
-    functions `watch` are called with every block of rows. `learnt` and `contradicted`
-    are those of estimate()."""
+    The table of the result has only the columns of SUMMARY and at most MAX_SUMMARY rows,
+    which limits the memory needed. If `path` is None, no file is written. The functions
+    in `watch` are called with every block of rows. `learnt` and `contradicted` have the
+    same meaning as in estimate()."""
     head = _make_head(config)
     summary = Summary(head, len(log))
     with _open_writer(path, head) as write:
@@ -341,8 +350,8 @@ def estimate_to(
 def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
     """Open the file, and yield a function that writes a block of rows to it.
 
-    The file is Parquet if its name ends so, otherwise CSV. `head` is the
-    table without rows."""
+    The format is Parquet if the file name has its ending, otherwise CSV. `head` is the
+    table without rows. If `path` is None, the function writes nothing."""
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
@@ -355,10 +364,10 @@ def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], o
 
 
 def convert_to_single(block: Columns) -> Block:
-    """Return estimates in single precision, as they are written to files.
+    """Return estimates in single precision, in which they are written to files.
 
-    More digits are not significant, and would double the file's size and writing time.
-    The columns of DOUBLE stay as they are."""
+    More digits would not be significant, and would double the size of the file and the
+    time to write it. The columns of DOUBLE keep double precision."""
     return {
         name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column
         for name, column in block.items()
@@ -439,8 +448,8 @@ def _run_filter(
 
 
 def mark_implausible(outputs: np.ndarray) -> None:
-    """Change valid rows to implausible ones, with the library's status and
-    reason for them."""
+    """Replace the reason "valid" by "implausible" in all rows, and set the library's
+    status for implausible rows."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -451,15 +460,15 @@ def mark_implausible(outputs: np.ndarray) -> None:
 
 
 def _make_head(config: Config) -> Block:
-    """Return the table without rows."""
+    """Return the table of estimates with its columns, but without rows."""
     return make_block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
 
 
 def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
-    """Return the library's outputs as columns of EST.csv.
+    """Convert the library's outputs to the columns of EST.csv.
 
-    Stiffness, which the library gives as a ratio to nominal, is in N or N/rad, validity 1
-    or 0, and the reason a word."""
+    The library returns stiffness as a ratio to the nominal value. It is converted to N or
+    N/rad. The code of a reason is converted to validity (1 or 0) and to a word."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}
     for f in library().fields(OUTPUT):
@@ -477,7 +486,7 @@ def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
 
 
 def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
-    """Return the words of codes of tse_reason; REFUSED for refused rows."""
+    """Convert codes of tse_reason to words; for refused rows to REFUSED."""
     words = [f.name for _, f in sorted(library().codes(REASON).items())]  # word i has code i
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
@@ -490,27 +499,27 @@ def _make_categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
 
 
 def write_estimates(table: pd.DataFrame, path: Path) -> None:
-    """Write EST.csv from a table with all its columns, in single precision."""
+    """Write a table with all columns of EST.csv to a CSV file, in single precision."""
     write_table(pd.DataFrame(convert_to_single(table)), path)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV, each number with the fewest digits that give the
-    same bits back."""
+    """Write a table as CSV. Each number has the smallest number of digits from which the
+    same bits are read back."""
     with write_atomically(path, "wb") as file:
         file.write(make_csv_header(table))
         for start in range(0, len(table), BLOCK):
             file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# Columns that verdicts, remarks and events are made from, each with the smallest type
-# that holds its values, because MAX_SUMMARY rows of them stay in memory
+# Columns from which verdicts, remarks and events are made -> smallest type that holds the
+# values, because up to MAX_SUMMARY rows stay in memory. None: a pd.Categorical
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
     **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
     **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
-    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: a pd.Categorical
+    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},
     **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd", "lag_steer"), np.float32),
     f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
@@ -522,15 +531,16 @@ SUMMARY: dict[str, type | None] = {
 class Summary:
     """Collects the columns of SUMMARY block by block.
 
-    `head` is the table without rows, and `rows` the number of rows of the log. If there
-    are more than MAX_SUMMARY, only every second, third ... row is kept."""
+    `head` is the table without rows, and `rows` the number of rows of the log. If the log
+    has more than MAX_SUMMARY rows, only every n-th row is kept, with the smallest
+    sufficient n."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
         self._stride = max(1, -(-rows // MAX_SUMMARY))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        # np.zeros() reserves memory only for the parts written to. Columns that stay
-        # zero, such as those of faults and changes, therefore take none.
+        # The system reserves memory of np.zeros() only when it is written to. Columns
+        # that stay 0, such as those of faults and changes, therefore need no memory.
         self._columns = {
             name: np.zeros(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()
         }
@@ -539,8 +549,8 @@ class Summary:
         self.statuses: dict[int, int] = {}
 
     def add(self, block: Block) -> None:
-        count = len(block["time"])
         """Add the rows of a block."""
+        count = len(block["time"])
         rows = slice(-self.rows % self._stride, count, self._stride)
         part = slice(self._done, self._done + len(range(*rows.indices(count))))
         for name, column in self._columns.items():
@@ -560,11 +570,11 @@ class Summary:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """Replace the handler of Ctrl-C, and yield a function that is True after
-    the first one.
+    """Replace the handler of Ctrl-C, and yield a function that returns whether Ctrl-C was
+    pressed.
 
-    The first Ctrl-C only sets this flag, and a second one interrupts as usual. Outside
-    the main thread nothing is replaced, and the function is always False."""
+    The first Ctrl-C does not interrupt, and a second one interrupts as usual. Outside the
+    main thread the handler is not replaced, and the function always returns False."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return

@@ -1,5 +1,5 @@
-"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is
-valid and why not, as a sentence for terminal and report. Also remarks on the sensors
+"""Make the verdict on each stiffness, grip and sideslip: value, interval, whether it is
+valid or why not, as a sentence for terminal and report. Also make remarks on the sensors
 of the log."""
 
 from collections.abc import Mapping, Sequence
@@ -29,6 +29,7 @@ NAMES = {
     "cy_rear": "Rear cornering stiffness",
 }
 UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
+# stiffness or grip -> explanation if the excitation was too weak
 TOO_QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
     "cy_front": "too little steering excitation",
@@ -36,6 +37,7 @@ TOO_QUIET = {
     GRIP: "the tyres were not driven near their limit",
 }
 CONTRADICTED = "contradicted"  # reason that applies to a whole log, not to single rows
+# reason why a stiffness is not valid -> explanation
 WHY = {
     "starting": "too little excitation since the start",
     "sensor fault": "a sensor was probably at fault",
@@ -50,54 +52,59 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# If the last row of a log has one of these reasons, the level of a stiffness is at
-# most "partly".
+# Reasons in the last row of a log with which the level of a stiffness is at most "partly"
 AT_FAULT = ("sensor fault", "implausible")
-LIMITED = ("uncertain", "parameters uncertain")  # reasons after which the sd and its limit are shown
-# At least so many changes, on average less than so many seconds apart, indicate a wrong
-# model rather than changes of the road.
+LIMITED = ("uncertain", "parameters uncertain")  # reasons with which the sd and its limit are stated
+# Min number of changes, and max mean time [s] between them, with which the model is
+# probably wrong. Such frequent changes of the road are improbable.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
-NOISY = 1.25  # min ratio of estimated noise to its setting that is reported
-# Reasons of rows in which the agreement of the channels is not checked
+NOISY = 1.25  # min reported ratio of the estimated noise of a channel to its setting
+# Reasons of rows in which the filter does not check whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
-# [s] Driving time without contradiction. If the first contradiction comes later, a
-# channel has failed during the drive, and the log as a whole is not contradicted.
+# [s] Max driving time before the first contradiction of the channels in a log that is
+# contradicted as a whole. If it comes later, a channel has failed during the drive.
 AGREED = 20.0
-MIN_IMPLAUSIBLE = 0.5  # min share of the driven rows that makes a log implausible
-RECENT = 1.0  # [s] a row that is valid this long before the end counts as valid at the end
-# An interval is attributed to uncertain parameters if they contribute more than this
-# share of the variance, and if their sd is more than this share of the stiffness.
+# Share of implausible rows among the driven rows above which the whole log is implausible
+MIN_IMPLAUSIBLE = 0.5
+# [s] Max time from the last valid row to the end of the log with which a stiffness counts
+# as valid at the end
+RECENT = 1.0
+# An interval is attributed to uncertain parameters if two limits are exceeded: their
+# share of the variance, and the ratio of the sd that they cause to the stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Limit of the estimated lag of the steering angle, in prior sds. A larger lag means that
-# another logger or signal was used.
+# Max |estimated lag| of the steering angle, in prior sds. A larger lag means that a
+# different logger or signal was used.
 UNLIKELY = 3.0
-MIN_VALID = 0.005  # min share of valid rows; with fewer of them a stiffness is not valid
-DEG_PER_RAD = 180 / np.pi
+MIN_VALID = 0.005  # min share of valid rows with which a stiffness counts as valid
+DEG_PER_RAD = 180 / np.pi  # [deg/rad]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on one stiffness. Values in `unit`; NaN: no value."""
+    """The verdict on one stiffness. Values are in `unit`; NaN: no value."""
 
     key: str
     name: str
     level: str  # good, partly, none
     unit: str
-    # Value at the end of the stretch; of a particle filter the median over the valid rows
+    # Value at the end of the stretch of road; with a particle filter, the median over the
+    # valid rows
     value: float
     band: float  # half of the 95 % interval
-    # Variation from sample to sample, as a share of the value. NaN if the log does not
-    # show it, or if this filter does not estimate it
+    # Variation of the stiffness from sample to sample, as a share of the value. NaN if it
+    # cannot be estimated from the log, or if this filter does not estimate it
     spread: float
-    nominal: float
+    nominal: float  # value in the vehicle file
     valid: float  # share of the rows that are valid
     reason: str  # the most frequent reason of the rows that are not valid
     reason_share: float  # share of the rows that have this reason
     text: str
     smoothed: float = float("nan")  # smoothed value of the stretch (smooth.py)
-    smoothed_band: float = float("nan")  # half of its 95 % interval
-    smoothed_reason: str = ""  # "valid", or why it is not; empty if there is no smoothed value
+    smoothed_band: float = float("nan")  # half of the 95 % interval of `smoothed`
+    # "valid", or the reason why `smoothed` is not valid; empty if there is no smoothed
+    # value
+    smoothed_reason: str = ""
 
     @property
     def low(self) -> float:
@@ -109,13 +116,13 @@ class Verdict:
 
     @property
     def detail(self) -> str:
-        """The text without the value that it begins with."""
+        """The part of `text` after the value."""
         return self.text.split(" (95 %), ", 1)[-1]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """The verdict on grip or sideslip. Values in `unit`."""
+    """The verdict on grip or sideslip. Values are in `unit`."""
 
     key: str
     name: str
@@ -124,12 +131,12 @@ class Quantity:
     band: float  # half of the 95 % interval
     valid: float  # share of the rows that are valid; NaN for the sideslip, which has no validity
     reason: str  # the most frequent reason of the rows that are not valid
-    time: float  # [s] time that the value refers to
+    time: float  # [s] time to which the value refers
     text: str
 
     @property
     def shown(self) -> str:
-        """The value and its 95 % interval, as text."""
+        """The value and its 95 % interval, as a string."""
         return f"{self.value:.2f} ± {max(self.band, 0.005):.2f}"
 
     def line(self) -> str:
@@ -143,8 +150,8 @@ def make_verdicts(
     """Return the verdict on each stiffness. `whole` is True if the table is the whole
     log, False if it is one stretch of road.
 
-    If `parts` is given (the result of smooth.compute_fixed_parts()), the smoothed
-    values are added."""
+    `parts` is the result of smooth.compute_fixed_parts(). If it is None or empty, the
+    verdicts have no smoothed values."""
     found = [_make_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
@@ -153,10 +160,11 @@ def make_verdicts(
 
 
 def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
-    """Return the verdict with the smoothed value added.
+    """Return the verdict with the smoothed value added to members and text.
 
-    The smoothed value is valid if enough rows are valid and its relative sd is at most
-    the setting valid_sd."""
+    The smoothed value is valid if the share of valid rows is at least MIN_VALID and the
+    relative sd of the smoothed value is at most the setting valid_sd. `part` is the entry
+    of compute_fixed_parts(), and `of` is "the log" or "the stretch"."""
     value, sd = smooth_stretch(rows, v.key, config, part)
     if not value > 0:
         return v
@@ -213,15 +221,15 @@ def make_findings(
     """Return a finding for each stretch of road between changes. If nothing changed,
     return one finding for the whole log.
 
-    Stretches are judged separately because a mean over two roads describes neither. On a
-    stretch the filter does not forget, so its value at the end, which has used all rows,
-    is its best one. This value is given with its interval even if no row is valid. The
-    smoothed value of the stretch is given next to it.
+    Stretches are judged separately, because a mean over two roads describes neither of
+    them. On a stretch the filter does not forget. So its value at the end of the stretch
+    is the best one, because it has used all rows. This value is reported with its
+    interval even if no row is valid, next to the smoothed value of the stretch.
 
-    `uncertainty_sd` is Filter.uncertainty_sd() after the last row.
-    `contradictions` are the sentences of check_car(). If there are any, no
-    stiffness of the log is valid, because the filter cannot distinguish a
-    permanently wrong channel from a different car."""
+    `uncertainty_sd` is the result of Filter.uncertainty_sd() after the last row.
+    `contradictions` are the sentences of check_car(). If there are any, no stiffness of
+    the log is valid, because the filter cannot distinguish a permanently wrong channel
+    from a different car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -240,13 +248,14 @@ def describe_implausible(table: pd.DataFrame) -> str:
     """Return a sentence if the filter finds that the channels contradict each other in
     the log as a whole; otherwise an empty string.
 
-    This is the case if more than MIN_IMPLAUSIBLE of the driven rows are implausible,
-    among them the last. A wrong unit, sign or axle persists to the end. A channel that
-    fails during the drive makes fewer rows implausible, or has no constant factor. Then
-    only these rows are not valid, and the string is empty.
+    This is the case if more than the share MIN_IMPLAUSIBLE of the driven rows is
+    implausible, and the last driven row, too: a wrong unit, sign or axle persists to the
+    end. If a channel fails during the drive, fewer rows are implausible, or the first of
+    them comes after AGREED and the error is not a constant factor. Then only these rows
+    are not valid, and the string is empty.
 
-    The filter's own check of each row (src/filter/plausible.c) needs some bends and some
-    gains and losses of speed before it starts."""
+    The filter checks each row (src/filter/plausible.c), but only after some bends,
+    accelerations and decelerations."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
@@ -282,8 +291,8 @@ def _name_contradiction(row: pd.Series) -> str:
 
 
 def list_contradictions(table: pd.DataFrame) -> list[str]:
-    """Return a sentence on the intervals in which the channels contradict each other; an
-    empty list if there are none."""
+    """Return a sentence on the intervals in which the channels contradict each other, in
+    a list. The list is empty if there is no such interval."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = estimate_times(table), []
     for first, after in find_spans(time, rows):
@@ -298,13 +307,12 @@ def list_contradictions(table: pd.DataFrame) -> list[str]:
 
 
 def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
-    """Return the driving time up to each row, s. `drives` is True for rows that count."""
+    """Return the driving time [s] up to each row. `drives` is True for driven rows."""
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
 def _mark_contradicted(v: Verdict) -> Verdict:
-    """Return the verdict without a value, because the channels of the log
-    contradict each other."""
+    """Return the verdict with the value removed and the reason CONTRADICTED."""
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
     return replace(
@@ -321,8 +329,8 @@ def _mark_contradicted(v: Verdict) -> Verdict:
 
 
 def list_remarks(table: pd.DataFrame) -> list[str]:
-    """Return sentences on what the filter has found about the sensors: channels noisier
-    than their settings, implausibly many changes, faults."""
+    """Return sentences about the sensors: channels that are noisier than their settings,
+    implausibly many changes of road or tyres, and faults."""
     found = []
     learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
     for channel in MEASURES:
@@ -330,7 +338,7 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
-    if "p_fault" in table:  # at standstill the reason is "held" even if the fault persists
+    if "p_fault" in table:  # at standstill the reason is "held", even if a fault persists
         off |= table["p_fault"].to_numpy() >= MIN_EVENT_PROBABILITY
     changes = regimes.find_changes(table)
     if len(changes) >= MANY_CHANGES and len(changes) * CHANGE_INTERVAL > (
@@ -352,8 +360,8 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a sentence if the estimated lag of the steering angle contradicts the
-    vehicle file; otherwise an empty list."""
+    """Return a sentence, in a list, if the estimated lag of the steering angle
+    contradicts the vehicle file; otherwise an empty list."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -370,8 +378,11 @@ def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
 def list_uncertain_parameters(
     table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
 ) -> list[str]:
-    """Return a sentence for each stiffness whose interval is due mostly to uncertain
-    parameters of the car. It names the three parameters that contribute most."""
+    """Return a sentence for each stiffness whose interval is caused mostly by uncertain
+    parameters of the car. The sentence names the three parameters that contribute most.
+
+    `uncertainty_sd` has for each parameter the sd that it causes in each stiffness, as a
+    ratio to the nominal stiffness."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
@@ -397,9 +408,10 @@ def list_uncertain_parameters(
 def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
     """Return the verdict on one stiffness.
 
-    Its value is that of the last valid row. If fewer than MIN_VALID of the rows are
-    valid, it is that of the last row. A particle filter forgets, so its value is the
-    median over the valid rows of the log, unless the stiffness changed."""
+    The value is the estimate in the last valid row. If the share of valid rows is below
+    MIN_VALID, it is the estimate in the last row that was not refused. A particle filter
+    forgets earlier rows. So with a particle filter the value is the median over the valid
+    rows of the whole log, unless the stiffness changed."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -452,26 +464,26 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
 
 
 def _explain_reason(reason: str, key: str) -> str:
-    """Return an explanation of a reason; empty if the reason needs none."""
+    """Return the explanation of a reason; an empty string if it needs none."""
     return TOO_QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
 
 
 def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
     """Return the most frequent reason of the rows that are not valid, and the share of
     all rows that have it."""
-    others = table.loc[~valid, f"{key}_reason"].value_counts()  # has also categories of no row
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # includes categories with count 0
     others = others[others > 0]
     return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
 
 
 def _is_used(table: pd.DataFrame) -> np.ndarray:
-    """Return for each row True if it was used, False if it was refused."""
+    """Return a mask that is True for used rows and False for refused rows."""
     return table["status"].to_numpy() >= 0
 
 
 def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """Return the time of the last valid row; None if it is at most RECENT
-    before the end."""
+    """Return the time [s] of the last valid row; None if it is at most RECENT before the
+    end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 
@@ -485,8 +497,8 @@ def list_other_quantities(table: pd.DataFrame, config: Config) -> list[Quantity]
 
 
 def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
-    """Return the grip of the last valid row; of the last row if none is valid. Return
-    None if grip is not estimated."""
+    """Return the grip in the last valid row, or in the last used row if no row is valid.
+    Return None if grip is not estimated."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
     rows = np.flatnonzero(valid if valid.any() else _is_used(table))
     if not config.grip_sd > 0 or not len(rows):
@@ -506,8 +518,8 @@ def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Return the sideslip angle whose 95 % interval lies farthest from zero, among the
-    rows in which the motion of the car is estimated."""
+    """Return the sideslip angle whose 95 % interval is farthest from 0. Only rows in
+    which the motion of the car is estimated are used."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None

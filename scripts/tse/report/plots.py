@@ -1,8 +1,8 @@
-"""Interactive figures of the report, one function for each section.
+"""Draw the interactive figures of the report, one function for each section.
 
-The figures are plain dictionaries in the format of plotly.js. plotly's Python classes
-are not used, because they check every number of every line, which takes a hundred
-times as long."""
+The figures are dictionaries in the format of plotly.js. plotly's Python classes are not
+used, because they check every number of every line, which takes a hundred times as
+long."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,12 +22,13 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-THIN_ROWS = 1 << 18  # rows that are thinned in one call; a multiple of every stride
+THIN_ROWS = 1 << 18  # number of rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# The estimated noise is drawn only if its ratio to the setting exceeds this limit. Steps
-# of steering and torque alone raise the ratio somewhat above 1.
+# Ratio of the estimated noise to its setting above which the estimated noise is drawn.
+# Even with a correct setting, steps of steering and torque raise the ratio somewhat above
+# 1.
 MAX_NOISE_RATIO = 1.4
-NOISE_SETTLING_TIME = 2.0  # [s] time from the start in which the estimate of the noise is not yet usable
+NOISE_SETTLING_TIME = 2.0  # [s] time from the start during which the estimate of the noise is not usable
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9",
@@ -37,8 +38,10 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-MAX_LABELS = 16  # events with a label in the plot; further changes have only a line
-MAX_SHADES = 150  # shaded intervals in a plot; if there are more, the shortest gaps are closed
+MAX_LABELS = 16  # max number of events with a label in the plot; further changes have only a line
+# Max number of shaded intervals in a plot. If there are more, those with the shortest
+# gaps between them are joined.
+MAX_SHADES = 150
 
 
 # Layout that all figures have in common
@@ -71,8 +74,8 @@ def set_layout(figure: Any, height: int, **more: object) -> Any:
 
 
 def draw_lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
-    """Return a figure with one plot below the other. Each plot is given by its title and
-    its lines, each line by its name, times and values."""
+    """Return a figure with plots below each other. `rows` has title and lines of each
+    plot. A line consists of name, times and values."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
@@ -98,8 +101,8 @@ STYLE = {
 
 @contextmanager
 def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
-    """Yield matplotlib's pyplot. After the with block, write the figure drawn in
-    it as PNG."""
+    """Yield matplotlib's pyplot. At the end of the with block, write the figure that was
+    drawn in it to a PNG file."""
     try:
         import matplotlib
     except ImportError:
@@ -114,14 +117,14 @@ def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Names that loggers give to reference columns -> quantity. Other reference columns are
-# named ref_<quantity> or ref_<quantity>_<anything>.
+# Name of a reference column in common loggers -> quantity. Other reference columns are
+# named ref_<quantity> or ref_<quantity>_<any suffix>.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity in whose plot a ref_ column is drawn; None if
-    it matches none."""
+    """Return the quantity in whose plot a reference column is drawn; None if the column
+    matches no quantity."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -137,7 +140,7 @@ def match_reference(column: str) -> str | None:
 
 def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
     """Return the min and the max of every `stride` values, in the order in which they
-    occur. Peaks are thus kept. `y` is a line, or a matrix with a line in each row."""
+    occur, so that peaks are kept. `y` is a line, or a matrix with a line in each row."""
     if stride == 1:
         return y
     missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
@@ -151,7 +154,7 @@ def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return the rows whose times are used to draw the values of thin_rows()."""
+    """Return the indices of the rows whose times belong to the values of thin_rows()."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
@@ -159,14 +162,16 @@ def pick_rows(rows: int, stride: int) -> np.ndarray:
 
 
 def find_stride(rows: int, points: int) -> int:
-    """Return the stride for which thin_rows() returns about `points` points of a line."""
+    """Return the stride with which thin_rows() returns about `points` values."""
     return 1 if rows <= points else -(-2 * rows // points)
 
 
 def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of a line thinned to about `points` points, with its peaks.
+    """Return times and values of a line, thinned to about `points` points such that peaks
+    are kept.
 
-    If `time` jumps by more than `hole` s, a NaN interrupts the line there."""
+    If the time between two values is longer than `hole` [s], a NaN interrupts the line
+    there."""
     stride = find_stride(len(y), points)
     xs, ys = [], []
     for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
@@ -179,10 +184,11 @@ def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tupl
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return the row of the min of `y` in every `stride` rows, each row twice.
+    """Return for every `stride` rows the index of the row with the min of `y`, twice.
 
-    The result has as many entries as thin_rows() returns values. It serves lines whose
-    values must be from the same row, such as probabilities with the sum 1.
+    Twice, because thin_rows() returns two values for every `stride` rows. The indices are
+    used for lines whose values must be from the same row, such as probabilities with the
+    sum 1.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -192,16 +198,16 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def find_block_stride(rows: int) -> int:
-    """Return the stride for a log with this number of rows: a power of two, so that the
-    blocks of a run have a whole number of strides."""
+    """Return the stride for a log with this number of rows. It is a power of two, so that
+    the number of rows of a block (BLOCK) is a multiple of it."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
 class Data:
     """The lines of the figures, thinned to the resolution of a screen.
 
-    A run adds its estimates block by block. The number of rows of every block but the
-    last is a multiple of `stride`."""
+    A run adds its estimates block by block. The number of rows of every block, except the
+    last one, is a multiple of `stride`."""
 
     def __init__(self, log: CheckedLog):
         self.stride = find_block_stride(len(log))
@@ -236,13 +242,13 @@ class Data:
 
     @property
     def logged_time(self) -> np.ndarray:
-        """Times of the rows, with which columns of the log are drawn."""
+        """[s] Times at which the columns of the log are drawn: times of the rows."""
         return self._log.time[pick_rows(self.rows, self.stride)]
 
     @property
     def time(self) -> np.ndarray:
-        """Times that the estimates refer to. They are earlier than the times of the rows
-        if channels are logged with a delay."""
+        """[s] Times to which the estimates refer. If channels are logged with a delay,
+        they are earlier than the times of the rows."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time
@@ -255,7 +261,7 @@ class Data:
         return name in self._lines
 
     def hover(self, key: str) -> list[str]:
-        """Return the texts that appear when the mouse is over a stiffness."""
+        """Return the text for each point of a stiffness, which is shown at the mouse."""
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
@@ -267,12 +273,12 @@ class Data:
         )
 
     def references(self, quantity: str | None) -> list[str]:
-        """Return the names of the reference columns of a quantity; of None, those that
-        match no quantity."""
+        """Return the names of the reference columns of a quantity. If `quantity` is None,
+        return the names of the columns that match no quantity."""
         return [c for c in self._log.ref if match_reference(c) == quantity]
 
 
-# Factors from the units of EST.csv to the units of the plots
+# Column -> factor from its unit in EST.csv to its unit in the plots
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}
 # Columns that are drawn with their 95 % interval
 WITH_BAND = (
@@ -293,9 +299,12 @@ PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", 
 
 
 def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the lines to be drawn from a block of EST.csv, in the units of the plots.
+    """Return the lines that are drawn from a block of EST.csv, as name -> values in the
+    units of the plots.
 
-    For a column x, the lines x_low and x_high are the ends of its 95 % interval."""
+    For a column x with an interval, the lines x_low and x_high are the ends of the 95 %
+    interval. For a stiffness, the line x_valid has its valid values, x_other the others,
+    and x_spread_low and x_spread_high are the ends of the spread."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -311,8 +320,8 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
 
 
 class Figure:
-    """Plots below each other with a common time axis. `heights` are the heights of the
-    rows in pixels."""
+    """A figure of plots below each other with a common time axis. `heights` has the
+    height [px] of each plot."""
 
     def __init__(self, titles: Sequence[str], heights: Sequence[float]):
         self.height = sum(heights) + 70
@@ -367,8 +376,8 @@ class Figure:
 
     @staticmethod
     def axis(row: int) -> str:
-        """Return the suffix of plotly's axis names in a row. Its axes are x,
-        x2, x3 ..."""
+        """Return the suffix of the names of the axes of a row: plotly names them x, x2,
+        x3 ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -431,8 +440,8 @@ def _draw_band(
 
 
 def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
-    """Shade the intervals in which `where` is True. If there are more than MAX_SHADES,
-    first close the shortest gaps between them."""
+    """Shade the intervals in which `where` is True. If there are more than MAX_SHADES
+    intervals, first join those with the shortest gaps between them."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     if len(starts) > MAX_SHADES:
@@ -463,11 +472,11 @@ def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarra
 def draw_stiffness(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Return the figure of the stiffnesses: means and 95 % intervals, of particle filters
-    also the spread.
+    """Return the figure of the stiffnesses: means and 95 % intervals, and with a particle
+    filter the spread, too.
 
-    Means that are not valid are grey, and the mouse shows the reason. Below the
-    stiffnesses, the probabilities of the events are drawn if the estimates have them.
+    Means that are not valid are grey, and the reason is shown at the mouse. Below the
+    stiffnesses, the probabilities of the regimes are drawn if the estimates have them.
     `table` needs the columns of SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
@@ -538,7 +547,7 @@ def draw_stiffness(
 
 
 def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
-    """Draw the probabilities of the regimes on top of each other."""
+    """Draw the probabilities of the regimes as stacked areas, whose sum is 1."""
     for name, title in REGIMES.items():
         figure.add(
             row,
@@ -557,8 +566,8 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
 
 
 def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
-    """Draw a line through all plots for each change. Label the most probable changes and
-    the longest intervals in `row`, at most MAX_LABELS together."""
+    """Draw a vertical line through all plots at each change. In the plot `row`, label the
+    most probable changes and the longest intervals, at most MAX_LABELS in total."""
     figure.layout["shapes"] += [
         {
             "type": "line",
@@ -594,8 +603,8 @@ def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Seq
 
 
 def draw_states(d: Data, grip: bool = False) -> Figure:
-    """Return the figure of the states: estimates with 95 % intervals, references, and the
-    measured yaw rate. If `grip` is True, the grip is drawn, too."""
+    """Return the figure of the states: estimates with 95 % intervals, reference columns,
+    and the measured yaw rate. If `grip` is True, the grip is drawn, too."""
     rows = [
         ("vel_x", "Longitudinal velocity [m/s]"),
         ("vel_y", "Lateral velocity [m/s]"),
@@ -636,8 +645,8 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
 
 
 def draw_inputs(d: Data) -> Figure:
-    """Return the figure of the log's channels: steering angle,
-    wheel speeds, accelerations."""
+    """Return the figure of the channels of the log: steering angle, wheel speeds,
+    accelerations."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
         ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
@@ -672,10 +681,11 @@ UNEXPLAINED = (
 
 def draw_health(d: Data) -> Figure:
     """Return the figure of the filter's health: biases, log-likelihood, normalised
-    innovations or the effective number of particles, and status.
+    innovations squared or the effective number of particles, and status.
 
-    The estimated noise is added if it exceeds the settings by MAX_NOISE_RATIO, the model
-    discrepancy and the lag of the steering angle if the estimates have them."""
+    The estimated noise is drawn only if its ratio to a setting exceeds MAX_NOISE_RATIO.
+    The model discrepancy and the lag of the steering angle are drawn only if the
+    estimates have them."""
     particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
@@ -740,8 +750,8 @@ def draw_health(d: Data) -> Figure:
 
 
 def draw_other_references(d: Data) -> Figure | None:
-    """Return the figure of the reference columns that match no quantity of the estimator.
-    Return None if there are none."""
+    """Return the figure of the reference columns that match no estimated quantity. Return
+    None if there is no such column."""
     names = d.references(None)
     if not names:
         return None

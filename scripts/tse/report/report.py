@@ -1,4 +1,4 @@
-"""Write the report: one HTML file that loads no other file and can be read offline."""
+"""Write the report: one self-contained HTML file, which can be read offline."""
 
 import base64
 import gzip
@@ -24,7 +24,9 @@ from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import list_run_facts
 
-MAX_CARDS = 6  # stretches of road that have cards of verdicts; the table below lists all
+# Max number of stretches of road whose verdicts are shown as cards. The table below the
+# cards lists all stretches.
+MAX_CARDS = 6
 MAX_TABLE_EVENTS = 200  # max number of events in the table
 GZIP_LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
 
@@ -42,9 +44,9 @@ def write_report(
 ) -> None:
     """Write the report of a run.
 
-    `data` has the lines of the plots that were collected during the run, `judged` the
-    run's changes and findings. Either is made from the table of `est` if it is None.
-    `contradictions` are those of verdict.make_findings()."""
+    `data` has the lines of the plots, if they were collected during the run. `judged` has
+    the changes and findings of the run. Each of the two is computed from the table of
+    `est` if it is None. `contradictions` has the same meaning as in make_findings()."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
@@ -98,11 +100,11 @@ def write_report(
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
-    """Write an HTML page that loads no other file.
+    """Write a self-contained HTML page.
 
-    `sections` are title, text and figure of each section. The figure is one of plots.py
-    or of plotly; a section whose figure is None is left out. `words` are further
-    variables of the template; `filters` among them are further jinja2 filters."""
+    `sections` has title, text and figure of each section. The figure is a plots.Figure or
+    a plotly figure. A section whose figure is None is left out. `words` are further
+    variables of the template, except `filters`, which has further jinja2 filters."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
@@ -128,8 +130,9 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
 def list_events(
     changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
 ) -> list[tuple[str, str, str, str]]:
-    """Return time, name, probability and effect of each event, in order of time. If there
-    are more than MAX_TABLE_EVENTS, return the most probable ones."""
+    """Return time, name, probability and effect of each event as strings, in order of
+    time. If there are more than MAX_TABLE_EVENTS events, return the most probable
+    ones."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
     rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
     likeliest = sorted(rows, key=lambda r: -r[3])[:MAX_TABLE_EVENTS]
@@ -137,8 +140,8 @@ def list_events(
 
 
 def pack_text(text: str | bytes) -> Markup:
-    """Return text compressed by gzip and encoded in base64, which HTML
-    need not escape."""
+    """Return text compressed by gzip and encoded in base64. The result contains no
+    characters that must be escaped in HTML."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, GZIP_LEVEL, mtime=0)).decode())
 

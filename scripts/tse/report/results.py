@@ -1,5 +1,5 @@
-"""Return the results of a run for programs: rows of a table, a JSON document,
-an exit code."""
+"""Convert the results of a run for other programs: to rows of a table, to a JSON
+document, and to an exit code."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,8 +22,8 @@ Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; code 2 is used for bad input
 CODES: dict[int, Usable] = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # level of a verdict -> column "usable"
-KILO = 1000.0  # from kN and kN/rad of the verdicts to N and N/rad
-# Columns of the table of results and their pandas types. The table has a row for each
+KILO = 1000.0  # factor from kN and kN/rad, the units of verdicts, to N and N/rad
+# Column of the table of results -> pandas type. The table has a row for each pair of
 # stretch of road and stiffness.
 ESTIMATE_COLUMNS: dict[str, str] = {
     "log": "string",
@@ -55,8 +55,8 @@ ESTIMATE_COLUMNS: dict[str, str] = {
 
 
 def choose_exit_code(found: Sequence[Finding]) -> int:
-    """Return USABLE if every stiffness has the level "good" on at least one stretch,
-    NOTHING if no stiffness is usable on any stretch, otherwise IN_PART."""
+    """Return USABLE if every stiffness has the level "good" on at least one stretch of
+    road, NOTHING if all have the level "none" on all stretches, otherwise IN_PART."""
     best: dict[str, str] = {}
     for v in (v for f in found for v in f.verdicts):
         best[v.key] = min(best.get(v.key, v.level), v.level, key=list(LEVELS).index)
@@ -71,8 +71,8 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of results, each a dict with the keys
-    ESTIMATE_COLUMNS. A change is given in the rows of the stretch that begins with it."""
+    """Return the rows of the table of results, each a dict with the keys ESTIMATE_COLUMNS. A
+    change of the road is reported in the rows of the stretch that begins with it."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -138,7 +138,7 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the results of a run as a JSON document. `said` are further entries, such as
+    """Return the results of a run as a dict for JSON. `said` has further entries, such as
     vehicle, notes and files."""
     changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
@@ -176,8 +176,8 @@ def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
 
 
 def convert_to_plain(x: Any) -> Any:
-    """Return data converted to types that JSON has. NaN and infinity become
-    None, paths strings."""
+    """Return data converted to types that JSON has. NaN and infinity are converted to
+    None, and paths to strings."""
     if isinstance(x, Mapping):
         return {str(k): convert_to_plain(v) for k, v in x.items()}
     if isinstance(x, (list, tuple, set)):
@@ -193,17 +193,18 @@ def convert_to_plain(x: Any) -> Any:
 
 
 def make_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
-    """Return rows as a data frame with these columns and types, in this order."""
+    """Return rows as a data frame. `columns` has the names of the columns and their
+    types, in their order."""
     return pd.DataFrame([convert_to_plain(r) for r in table], columns=list(columns)).astype(dict(columns))
 
 
 def write_rows(
     path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None
 ) -> None:
-    """Write rows as Parquet or CSV, depending on the file name.
+    """Write rows as Parquet or CSV, depending on the ending of the file name.
 
-    `columns` are the names and types of the columns, in order. If it is None, pandas
-    chooses them from the rows."""
+    `columns` has the names and types of the columns, in their order. None: pandas chooses
+    names and types from the rows."""
     frame = make_frame(table, columns) if columns else pd.DataFrame([convert_to_plain(r) for r in table])
     with write_atomically(path, "wb") as file:
         if is_parquet(path):
@@ -218,9 +219,10 @@ def write_rows(
 def list_run_facts(
     est: Estimates, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
-    """Return name and value of each fact of a run: log, vehicle, filter, latencies ...
+    """Return the facts of a run as (name, value): log, vehicle, filter, latencies ...
 
-    `stride` is that of the plots; if it is above 1, a fact says that they are thinned."""
+    `stride` is plots.Data.stride. If it is above 1, a fact states that the plots are
+    thinned."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
     every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""

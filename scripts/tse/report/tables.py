@@ -1,5 +1,5 @@
-"""Return the library's tables as text: settings, columns, codes, and
-example vehicle files."""
+"""Format the library's tables as text: settings, columns, and codes. Also make example
+vehicle files."""
 
 from collections.abc import Iterable
 
@@ -16,7 +16,7 @@ from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
-    """Return a table as text, each column padded to its widest cell. `right` are the
+    """Return a table as text, with each column padded to its widest cell. `right` has the
     indices of the columns that are aligned on the right."""
     rows = [list(r) for r in rows]
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
@@ -38,8 +38,8 @@ def format_markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], le
 
 
 def settings_table(which: int = CONFIG) -> str:
-    """Return a table of all settings of the filter, or of the struct `which`: name,
-    default, range, unit, meaning."""
+    """Return a table of all settings with name, default, range, unit and meaning. `which`
+    is the struct of the library: CONFIG for the filter, SIM_CONFIG for the simulator."""
     rows = [["setting", "default", "range", "unit", "meaning"]]
     rows += [
         [f.name, f"{f.default:.6g}", f"{f.low:g} .. {f.high:g}", f.unit, f.text]
@@ -55,12 +55,12 @@ def list_log_columns() -> list[list[str]]:
 
 
 def log_columns_table() -> str:
-    """Return the columns of a log as text."""
+    """Return a table of the columns of a log: name, unit, range, meaning."""
     return text_table(list_log_columns())
 
 
 def list_estimate_columns() -> list[list[str]]:
-    """Return name, unit and meaning of each column of EST.csv after time."""
+    """Return name, unit and meaning of each column of EST.csv except `time`."""
     rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
     for f in list_est_fields():
         rows[f.name] = [f.name, _find_unit(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
@@ -68,19 +68,19 @@ def list_estimate_columns() -> list[list[str]]:
 
 
 def est_columns_table() -> str:
-    """Return the columns of EST.csv as text."""
+    """Return a table of the columns of EST.csv: name, unit, meaning."""
     return text_table(list_estimate_columns())
 
 
 def codes_table() -> str:
-    """Return the codes of the status and the reasons as text."""
+    """Return the codes of the status, and the reasons, with their meaning."""
     lines = [f"{code:3d}  {f.text}" for code, f in sorted(library().codes(STATUS).items()) if code >= 0]
     reasons = [f"{f.name}: {f.text}" for f in library().fields(REASON)]
     return "status\n" + "\n".join(lines) + "\n\nreason\n  " + "\n  ".join(reasons)
 
 
 def sim_settings_table() -> str:
-    """Return all settings of the simulator."""
+    """Return a table of all settings of the simulator."""
     return settings_table(SIM_CONFIG)
 
 
@@ -88,8 +88,8 @@ def example_vehicle() -> str:
     """Return a commented vehicle file to edit.
 
     Required keys have the values of the built-in car. The other keys are commented out,
-    because the sensors, stiffnesses or exact parameters of a different car would give
-    wrong estimates with narrow intervals."""
+    because estimates with the sensors, stiffnesses or sds of 0 of a different car would
+    be wrong and have too narrow intervals."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]
@@ -128,8 +128,8 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """Return the vehicle file of the car that `tselab simulate` drives. Its parameters
-    are known exactly, so the file is only for simulated logs."""
+    """Return the vehicle file of the car that `tselab simulate` simulates. It states that
+    all parameters are known exactly, so the file is only for simulated logs."""
     car = Config.exact()
     fields = car.fields
     lines = [
@@ -171,14 +171,15 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return a line of a vehicle file with unit, range and meaning."""
-    # If 0 is out of range here, the text on the meaning of 0 is dropped: a file leaves
-    # such keys out.
+    # If 0 is out of range, the part of the text about the meaning of 0 is removed: in a
+    # vehicle file the key is left out in place of 0.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
     return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 
 
 def _find_unit(f: Field) -> str:
-    """Return the unit of an output in EST.csv, in which stiffness is in N or N/rad."""
+    """Return the unit of an output in EST.csv. Stiffness, which the library returns as a
+    ratio, is in N or N/rad there."""
     if f.name.startswith("cx_") and f.unit == "1":
         return "N"
     return "N/rad" if f.name.startswith("cy_") and f.unit == "1" else f.unit

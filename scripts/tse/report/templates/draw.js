@@ -1,18 +1,28 @@
-// draw.js - histories on a canvas: panels over one time, zoomed and moved together. Rows that share a pixel are drawn from their
-// smallest to their largest value, so that a peak of one row is seen in a log of hours.
+// draw.js - plots on a canvas: panels below each other with a common time axis, which are
+// zoomed and moved together. If several rows share a pixel, a line from their min to their
+// max is drawn, so that peaks of single rows are visible even in a log of hours.
 
-const GAP = 8, TITLE = 18, AXIS = 22, STRIP = 9, HEAT = 17;   // px
-const SHORTEST = 0.05;                                        // s that can be looked at
-const WIDEST_BAND = 0.35;   // share of the mean by which a band may widen what is shown: at a start it is as wide as everything
-
-// The mean and half of the 95 % interval of normal errors.
-const BAND = 1.96;
+// [px] heights: space below a panel, title of a panel, time axis, bar of the validity, and
+// row of a panel of probabilities
+const GAP = 8, TITLE = 18, AXIS = 22, STRIP = 9, HEAT = 17;
+const SHORTEST = 0.05;      // [s] min length of the time that is shown
+// Max half width of the interval for which the vertical range of a panel is extended, as a
+// share of the mean. At the start of a drive the intervals are so wide that the line would
+// be flat if they were shown completely.
+const WIDEST_BAND = 0.35;
+const BAND = 1.96;          // half of a 95 % interval of normal errors, in sd
 
 class Chart {
-  // panels: {title, unit, scale, height, lines: [{name, values(), color, dash}], band: {mean(), sd()}, strip: {valid(), reason(i)},
-  // zero: the range has it} or {title, heat: [{name, values(), color}]}. time(): {t, n}. live: s that are shown while it goes on.
+  // panels: a list of
+  //   {title, unit, scale, height, lines: [{name, values(), color, dash}], band: {mean(), sd()},
+  //    strip: {valid(), reason(i)}, zero: true if the vertical range must include 0}
+  //   or {title, heat: [{name, values(), color}]}, whose values are probabilities.
+  // time(): {t: times of the rows [s], n: number of rows}.
+  // live: [s] length of the time that is shown during a drive. null: the drive has ended,
+  // and the plot can be zoomed and moved.
   constructor(host, { panels, time, label, live = null }) {
-    Object.assign(this, { panels, time, live, from: 0, to: 1, whole: true, cursor: null, pointers: new Map(), cost: 0 });     // cost: ms of the last drawing
+    // cost: [ms] duration of the last draw()
+    Object.assign(this, { panels, time, live, from: 0, to: 1, whole: true, cursor: null, pointers: new Map(), cost: 0 });
     this.canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0, className: "chart" });
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -101,7 +111,7 @@ class Chart {
   draw() {
     const { t, n } = this.time(), c = this.canvas, ratio = window.devicePixelRatio || 1;
     const wide = c.parentElement.clientWidth;
-    if (!wide) return;                                        // in a tab that is not shown
+    if (!wide) return;                                        // the canvas is in a hidden tab
     const height = (p) => (p.heat ? TITLE + HEAT * p.heat.length : TITLE + p.height + (p.strip ? STRIP + 3 : 0)) + GAP;
     const tall = this.panels.reduce((sum, p) => sum + height(p), 0) + AXIS;
     if (c.width !== Math.round(wide * ratio) || c.height !== Math.round(tall * ratio)) {
@@ -150,7 +160,8 @@ class Chart {
     g.restore();
   }
 
-  // Smallest and largest value of each pixel: {low, high}, NaN where there is none. `by(i)`: the value of row i.
+  // Return {small, large}: for each pixel column the min of lowOf(i) and the max of highOf(i)
+  // over the rows i in this column. NaN: there is no row.
   columns(lowOf, highOf) {
     const pixels = Math.max(1, Math.floor(this.width)), { t, low, high } = this.shown;
     const small = new Float64Array(pixels + 1).fill(NaN), large = new Float64Array(pixels + 1).fill(NaN);
@@ -251,7 +262,8 @@ class Chart {
     g.restore();
   }
 
-  // Where a value is valid: a full bar; elsewhere a thin one.
+  // Draw the bar of the validity: thick and green in rows with a valid value, thin and red
+  // in other rows.
   strip(strip, top) {
     const { g, ink } = this, valid = strip.valid();
     if (!valid) return;
@@ -298,7 +310,8 @@ class Chart {
     });
   }
 
-  // Pixel of the last row: while a drive goes on, nothing is drawn behind it.
+  // Return the pixel column of the last row. During a drive, nothing is drawn to the right
+  // of this column.
   lastPixel() {
     const { t, n } = this.shown;
     return n ? Math.floor(this.x(t[n - 1]) - this.left) : -1;
@@ -310,7 +323,8 @@ class Chart {
     return this.cursor === null ? n - 1 : Math.min(n - 1, Math.max(0, lower(t, n, this.cursor)));
   }
 
-  // What a panel says at the cursor, else of the last row: [text, colour].
+  // Return the values of a panel at the cursor, or in the last row if there is no cursor, as
+  // a list of [text, colour].
   readings(p) {
     const i = this.cursorRow(), out = [];
     if (i < 0) return out;
@@ -356,7 +370,7 @@ class Chart {
   }
 }
 
-// First row of n at or after a time.
+// Return the first of n rows whose time is at or after `time`; n if there is none.
 function lower(t, n, time) {
   let a = 0, b = n;
   while (a < b) {
@@ -367,6 +381,8 @@ function lower(t, n, time) {
   return a;
 }
 
+// Return round values between min and max for the ticks of an axis. `about` is the
+// approximate max number of ticks.
 function ticks(min, max, about) {
   const raw = (max - min) / Math.max(1, about), power = 10 ** Math.floor(Math.log10(raw));
   const step = power * [1, 2, 5, 10].find((m) => m * power >= raw), out = [];
@@ -374,6 +390,8 @@ function ticks(min, max, about) {
   return out;
 }
 
+// Return a number as text, rounded to `digits` significant digits. All digits before the
+// decimal point are kept.
 function tidy(x, digits = 3) {
   if (Math.abs(x) < 1e-9) return "0";
   return String(+x.toPrecision(Math.max(digits, Math.ceil(Math.log10(Math.abs(x) + 1))))).replace("-", "−");
