@@ -243,7 +243,7 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     assert formula.settings().items() <= improved.values.items()
     header = (folder / "out" / "effects.h").read_text()
     assert "formula_code_1" in header and formula.id in (folder / "out" / "tse_formula.h").read_text()
-    assert formula.text in report.replace("&lt;", "<") and "does not identify its cause" in report
+    assert formula.text in report.replace("&lt;", "<") and "does not identify the cause" in report
 
 
 def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
