@@ -55,7 +55,7 @@ def _list_superelevations(result: CalibrationResult) -> list[float]:
 
 
 def collect_latencies(result: CalibrationResult) -> dict[str, float]:
-    """Return channel -> its delay behind the gyro [s]."""
+    """Return channel -> delay of the channel relative to the gyro [s]."""
     return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
 
 

@@ -213,7 +213,7 @@ def _calibrate_car(
             config, _ = make_config(car, log)
             out = NativeFilter(config).estimate_rows(log.rows())
             used = out[out["status"] >= 0]
-            if (used["change_kind"] > 0).any():  # one stiffness cannot describe two roads
+            if (used["change_kind"] > 0).any():  # one calibrated stiffness cannot describe two roads
                 return keep_class("the road or the tyres change during the log", found)
             if contradicts and len(used) and (against := contradicts(config, used[-1], found)):
                 return keep_class(against, found)

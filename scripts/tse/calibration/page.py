@@ -49,7 +49,9 @@ def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")
     )
     for c, left in result.problem.measure_lasting(result.fit.level).items():
-        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # accel_x is integrated and compared as speed
+        unit = (
+            "m/s" if c == "accel_x" else CHANNEL_UNITS[c]
+        )  # the residual of accel_x is integrated to a speed
         text = (
             f"an error of {np.sqrt(left.power):.2g} {unit} that lasts 1 s, and a random walk with sd "
             f"{left.walk:.2g} {unit}/sqrt(s)"

@@ -1,4 +1,5 @@
-"""The result of a calibration, and its description number by number and as a whole."""
+"""The result of a calibration, and lines of text that describe each number and the whole
+result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -96,10 +97,10 @@ def describe_misstated(found: Sequence[NumberFinding]) -> str:
 
 @dataclass(frozen=True)
 class FindingGroup:
-    """Numbers that belong together, and the evidence for them."""
+    """Numbers of the same group, such as all latencies, and the evidence for them."""
 
     name: str
-    nats: float  # log evidence for the values found against those of the vehicle file
+    nats: float  # [nat] log evidence for the values found against those of the vehicle file
     members: tuple[NumberFinding, ...]
 
 
@@ -237,7 +238,8 @@ class CalibrationResult:
     sensors: dict[str, float]
     steps: dict[str, float]  # channel -> largest quantisation step in the logs; 0: not quantised
     notes: list[str] = field(default_factory=list)
-    offers: list[Offer] = field(default_factory=list)  # proposals that narrow the intervals
+    # drives and measurements that are proposed because they would narrow the intervals
+    offers: list[Offer] = field(default_factory=list)
     own: bool = False  # True if the stiffness is then estimated in the same logs (own.py)
 
     @property

@@ -18,7 +18,7 @@ WHERE = {
     "cy_front": "front, in bends",
     "cy_rear": "rear, in bends",
     "cx_front": "front, along",
-}  # in this order
+}  # the lines have this order
 # stiffness -> explanation if the excitation was too weak
 LITTLE = {
     "cy_front": "too few bends in this log",

@@ -241,8 +241,9 @@ REFUSED = "row refused"  # reason in every row whose status is negative
 class Estimates:
     """The estimates of a run, row by row, and how the run ended.
 
-    The table of estimate() has all columns of EST.csv and all rows. The table of
-    estimate_to() has the columns of SUMMARY, and of a long log only every n-th row."""
+    If estimate() made the table, it has all columns of EST.csv and all rows. If
+    estimate_to() made it, it has the columns of SUMMARY, and only every n-th row of a
+    long log."""
 
     table: pd.DataFrame
     interrupted: bool  # True if Ctrl-C ended the run before the last row

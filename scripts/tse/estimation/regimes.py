@@ -153,7 +153,7 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     rows = np.flatnonzero(kind > 0)
     at = time[rows] - table["change_age"].to_numpy()[rows]
     edges = np.flatnonzero(np.abs(np.diff(at)) > MAX_JOINED_GAP) + 1
-    reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
+    reports: list[tuple[float, np.ndarray]] = []  # time of each change, and the rows that report it
     for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
         if not len(mine):
             continue
@@ -213,7 +213,8 @@ def _find_begin(
     variance decreases meanwhile. Of a movement, 1.96 times the square root of this
     decrease is not counted as drift."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    # The share is at most 1, so it cannot exceed CREEP times more than 1 / CREEP seconds.
+    # The drift is a share of at most 1. More than 1 / CREEP seconds before row `before`,
+    # it is therefore smaller than CREEP times the time, and these rows need no check.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
     drift = np.zeros(max(0, before + 1 - first))
     if not keys or not len(drift):
@@ -256,10 +257,12 @@ def find_spells(table: pd.DataFrame) -> list[Spell]:
 
 
 def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return the number of the channel at fault in each row.
+    """Return the number of the channel at fault in each row, with missing numbers filled
+    in.
 
-    The first rows of a fault may not have a channel yet (0). They get the channel of the
-    next row of the same run that has one."""
+    In the first rows of a fault, the channel may still be unknown (0). They get the
+    number of the next row of the same run whose channel is known. `runs` has the first
+    row of each run and the row after its last."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):
@@ -294,8 +297,9 @@ def find_channel_name(number: int) -> str:
 
 
 def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """Return the stretches between changes. A stretch shorter than MIN_STRETCH is joined
-    to the next one; if it is the last, to the one before it."""
+    """Return the stretches of road between the changes `found`. A stretch shorter than
+    MIN_STRETCH is joined to the next one. The last stretch is joined to the previous one
+    if it is too short."""
     if table.empty:
         return []
     time = estimate_times(table)
@@ -325,8 +329,9 @@ def _join_stretches(one: Stretch, other: Stretch) -> Stretch:
 
 
 def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
-    """Return a line for each change, and a line for each kind of interval: the interval
-    itself if there is one, otherwise their number and total length."""
+    """Return a line for each change, and a line for each kind of interval. If there is
+    only one interval of a kind, its line states begin and end, otherwise number and total
+    length."""
     lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
     for name in dict.fromkeys(s.name for s in times):
         same = [s for s in times if s.name == name]
@@ -339,7 +344,7 @@ def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str
 
 
 def format_percent(share: float) -> str:
-    """Return a share in percent: "under 1 %" and "over 99 %" near 0 and 1."""
+    """Return a share as a string in percent; near 0 "under 1 %", near 1 "over 99 %"."""
     if 0 < share < 0.01:
         return "under 1 %"
     return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"

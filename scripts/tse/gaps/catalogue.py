@@ -23,7 +23,7 @@ class Own:
 
     of: str  # id of the road effect: bank or grade
     log: int  # index of the log
-    knot: int  # index of the value along the profile
+    knot: int  # index of the knot along the road
 
     def __str__(self) -> str:
         return f"{self.of}@{self.log}:{self.knot}"
@@ -39,14 +39,15 @@ def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
 
 @dataclass(frozen=True)
 class CatalogueParameter:
-    """One parameter that is fitted: a stiffness, or a parameter of an effect.
+    """One parameter that can be fitted: a stiffness, or a parameter of an effect.
 
-    A strength says how large an effect is, and 0 (or the default) switches it off. A
-    shape is any other parameter of the effect, such as a time constant.
+    A strength is a parameter that switches the effect off if it is 0 (or has its
+    default). A shape is any other parameter of an effect, such as a time constant. It has
+    no influence while all strengths are 0.
     """
 
     name: Key  # name of its setting, or the key of a value of a road profile
-    key: str  # its name within the effect
+    key: str  # name within the effect, without the id of the effect
     strength: bool  # True for a strength, False for a shape
     unit: str
     default: float
@@ -85,10 +86,10 @@ class Effect:
 
     id: str
     title: str
-    channels: str  # the channels in which it is visible, as text
-    relatives: tuple[str, ...]  # ids of the effects of the catalogue that look similar
+    channels: str  # description of the channels in which the effect is visible
+    relatives: tuple[str, ...]  # ids of effects that are hard to distinguish from this one
     parameters: tuple[CatalogueParameter, ...]
-    # how often cars have it: column `occurrence` of src/tables/effects.toml
+    # how often cars have the effect: column `occurrence` of src/tables/effects.toml
     occurrence: str = "SENSOR"
     # Title that replaces `title` if the fitted strength is below early_below. Such a
     # value is not an effect of the car, but a latency of messages or a low pass of the
@@ -114,8 +115,8 @@ class Effect:
 
 @functools.cache
 def load_catalogue() -> dict[str, Effect]:
-    """Return the effects that a vehicle file may lack, as id -> effect, in the library's
-    order. Effects that are always part of the model are left out.
+    """Return the effects that a vehicle file may lack, as id -> effect, in the order of
+    the library. Effects that are on by default (IN_MODEL) are left out.
     """
     rows = {i: e for i, e in library().effects.items() if e.occurrence != "IN_MODEL"}
     return {

@@ -99,7 +99,7 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
 
 
 def make_candidates(config: Config) -> list[Candidate]:
-    """Return every manoeuvre at every speed and size."""
+    """Return all manoeuvres of the library, each at several speeds and amplitudes."""
     return list(_generate_candidates(config))
 
 
@@ -108,8 +108,8 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
     short = np.arange(round(0.5 * MANEUVER_TIME / PLANNED_STEP) + 1) * PLANNED_STEP
 
     def steady(v: float, ay: float) -> float:
-        """Return the steering angle at which the nominal car, driven steadily at the
-        speed v, has the lateral acceleration ay.
+        """Return the steering angle [rad] with which the nominal car has the lateral
+        acceleration `ay` [m/s2] in a steady turn at the speed `v` [m/s].
         """
         return ay * (c.lf + c.lr + compute_understeer(c) * v**2) / v**2
 

@@ -19,8 +19,8 @@ from tse.identify.data import BLOCK_TIME
 # channel. It is above 1, because the noise is known only to a few percent and because
 # the inputs are smoothed.
 NOISE_LIMIT = 1.2
-MAX_LAG = 4.0  # [s] max lag of the autocorrelation that is computed
-TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
+MAX_LAG = 4.0  # [s] max lag up to which autocorrelations are computed
+TOLERANCE = 0.0001  # relative change of the sum of squares below which a fit ends
 TOGETHER = 2.0  # [s] length of the blocks of residuals that the bootstrap resamples
 DRAWS = 1000  # number of bootstrap samples
 SEED = 1  # seed of the bootstrap
@@ -72,7 +72,7 @@ def fit_parameters(
             residuals(x)
         return np.vstack([problem.compute_jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
-    # Parameters without influence on the residuals cause divisions by zero.
+    # Parameters without influence on the residuals cause divisions by 0 in the solver.
     with np.errstate(divide="ignore", invalid="ignore"):
         result = least_squares(
             residuals,
@@ -109,7 +109,8 @@ def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)
-        # Geyer's initial positive sequence
+        # Geyer's initial positive sequence: sum pairs of values as long as they are
+        # positive
         pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
         end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
         found[channel] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))
@@ -159,7 +160,7 @@ def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
     return bread @ ((f.jacobian.T * scale) @ f.jacobian + prior) @ bread
 
 
-# ---- before and after
+# ---- comparison of two models
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,8 @@ class Rows:
 
 
 class Problem:
-    """All logs, compared with one model. Threads may simulate at the same time, because
-    simulations share no data that they change.
+    """The comparison of all logs with one model. Several threads may simulate at the same
+    time, because simulations change no common data.
     """
 
     def __init__(self, logs: Sequence[PreparedLog], config: Config, jobs: int = 1):
@@ -104,8 +104,8 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
-        """Return the strengths of an effect. For a road effect, return the values of its
-        profiles under all logs.
+        """Return the strengths of an effect. The strengths of bank or grade are the
+        values of the profile at all knots of all logs.
         """
         if effect.id not in PROFILES:
             return effect.strengths

@@ -62,7 +62,7 @@ AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
 def set_layout(figure: Any, height: int, **more: object) -> Any:
-    """Apply the common layout of the pages to a plotly figure, and return the figure."""
+    """Apply the common layout of all pages to a plotly figure, and return the figure."""
     figure.update_layout(height=height, margin={"l": 66, "r": 18, "t": 64, "b": 48}, **LOOKS)
     figure.update_layout(**more)
     axis = {**AXIS, "showgrid": True, "title_font_size": 13}

@@ -100,7 +100,7 @@ def make_rows(
 
 
 def _convert_verdict(v: Verdict) -> dict[str, Any]:
-    """Return a verdict as columns of the table, stiffness in N and N/rad."""
+    """Return a verdict as columns of the table, with stiffness in N and N/rad."""
     return {
         "stiffness": v.key,
         "value": KILO * v.value,

@@ -43,8 +43,8 @@ from tse.identify.data import COMPARED_CHANNELS
 # number of formulas that are tried (multiple comparisons): the product of the numbers of
 # forms, places and sizes, whose ln is about 12.
 PRICE = 2.0
-FITTED = 6  # number of candidates that are simulated
-PER_PLACE = 3  # max number of these candidates at one place
+FITTED = 6  # max number of candidates that are simulated
+PER_PLACE = 3  # max number of simulated candidates at the same place
 # Max ratio of the gap at the start of a fit to the gap without a formula. A form with a
 # larger ratio is not fitted.
 MAX_WORSE = 100.0
@@ -141,7 +141,7 @@ def compute_worth(
 
 
 def compute_price(term: FormulaTerm) -> float:
-    """Return the price of a form and its numbers, in nats."""
+    """Return the price [nat] of a form, of its numbers, and of the coefficient."""
     return PRICE * (term.price + len(term.sizes) + 1)
 
 

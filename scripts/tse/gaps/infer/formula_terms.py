@@ -82,7 +82,7 @@ STEER_RATE = Signal("rate(steer_angle)", "rad/s", (0.02, 0.1, 0.4))
 SPEED = Signal("vel_x", "m/s", (9.0, 16.0, 24.0))
 PULL = Signal("accel_x", "m/s2", (0.7, 1.5, 3.5))
 TURNING = (STEER, YAW, SIDE, FRONT, REAR, STEER_RATE)
-PLAYS = (0.001, 0.003, 0.01)  # [rad] values of half the play of the steering that are tried
+PLAYS = (0.001, 0.003, 0.01)  # [rad] start values of half of the steering play
 
 
 def format_unit(exponents: tuple[int, int]) -> str:
@@ -283,7 +283,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
 
 
 def list_forms(place: str) -> list[FormulaTerm]:
-    """Return the forms for a place, without those of KNOWN."""
+    """Return the forms that are tried at a place: all except those of KNOWN."""
     return [
         t
         for t in (make_lateral_forms() if place in LATERAL else make_longitudinal_forms())

@@ -64,7 +64,7 @@ OTHER_SD = 1.0
 
 
 def make_latency(name: str, title: str, channels: str) -> Effect:
-    """Return the latency of a channel as an effect with one strength, in s."""
+    """Return the latency [s] of a channel as an effect with one strength."""
     text = "age of the values at the time of their row"
     parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))

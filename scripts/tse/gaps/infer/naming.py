@@ -76,8 +76,8 @@ class Named:
 
     @property
     def holds_nothing(self) -> bool:
-        """True if the 95 % interval of every strength includes its default, at which
-        there is no effect.
+        """True if the 95 % interval of every strength includes the default of the
+        strength, with which there is no effect.
         """
         default = {p.name: p.default for p in self.effect.strengths if p.name in self.ci95}
         return all(low <= default[k] <= high for k, (low, high) in self.ci95.items() if k in default)
@@ -272,8 +272,8 @@ def is_negligible(effect: Effect, values: Mapping[str, float]) -> bool:
 
 
 def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
-    """Return whether the 95 % interval of every strength includes its default, at which
-    there is no effect.
+    """Return whether the 95 % interval of every strength includes the default of the
+    strength, with which there is no effect.
     """
     return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
 

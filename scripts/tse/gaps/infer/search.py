@@ -57,7 +57,7 @@ class Judged:
     effects: tuple[Hypothesis, ...]
     values: dict[str, float]
     covariance: np.ndarray  # covariance of the values
-    evidence: float  # ln evidence, including the prior odds of the set
+    evidence: float  # [nat] ln evidence, including ln of the prior odds of the effects
     space: Space | None = None  # None if the set was not fitted
     fit: engine.CarFit | None = None  # None if the set was not fitted
 

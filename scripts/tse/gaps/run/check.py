@@ -27,7 +27,7 @@ from tse.report.tables import text_table
 
 @dataclass(frozen=True)
 class Check:
-    """Result of the check."""
+    """Result of `tselab gap check`."""
 
     effects: list[detect.Detectable]
     gap: dict[str, float]  # channel -> residual rms / sensor noise, with fitted stiffness

@@ -370,7 +370,7 @@ def find_excess_remainders(problem: Problem, last: Fit) -> list[remainder.Remain
 
 
 def drop_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
-    """Return the remaining errors without those that are sensor noise."""
+    """Return the remaining errors whose kind is not "noise"."""
     return [r for r in left if r.kind != "noise"]
 
 
@@ -480,7 +480,7 @@ def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequen
     long as the delay keeps its sign, and named delays are too far from 0 to change it.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
-    step = 1e-6  # s
+    step = 1e-6  # [s] step of the finite differences
     for n in naming.named:
         for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
             more, less = (
@@ -534,7 +534,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
     text += f"; probability {_format_percent(n.probability)}"
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
-    elif n.alone < 1.0:  # a small effect next to a large one
+    elif n.alone < 1.0:  # its share of the whole gap is small, because another effect is large
         text += f", it closes {100 * n.alone:.0f} % of the gap that the other names leave."
     else:
         text += "."
