@@ -41,8 +41,9 @@ MAX_ANSWER_STRETCHES = 2  # max number of stretches of road in the answer, count
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road, one for
-    each stiffness. If there are several stretches, a title precedes the lines of each.
+    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road, one
+    for each stiffness. If there are several stretches, a title precedes the lines of
+    each.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness is that
     of the driven axle, because the filter assumes that the other axle rolls freely.

@@ -43,7 +43,6 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DAY = 86400.0  # [s] one day
 MAX_LEARNT = 1 << 16  # [bytes] max length that is read of a file; every learnt state is shorter
 
 

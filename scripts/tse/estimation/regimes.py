@@ -2,8 +2,8 @@
 of a channel, sliding wheels. Find the stretches of road between the changes.
 
 A regime is one of the states in REGIMES, of which the filter computes the probabilities.
-If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive is one
-stretch."""
+If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive is
+one stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -140,10 +140,11 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
     Each row has the age of the last change that the filter has detected (change_age), and
-    thus the time of this change. Rows whose times of the change differ by at most MAX_JOINED_GAP
-    report the same change. Kind and ratios are those in the last of these rows. A change
-    is left out if both the median of its probability over these rows and the probability
-    in the last row are below MIN_EVENT_PROBABILITY, or if no stiffness changes by more than MIN_CHANGE.
+    thus the time of this change. Rows whose times of the change differ by at most
+    MAX_JOINED_GAP report the same change. Kind and ratios are those in the last of these
+    rows. A change is left out if both the median of its probability over these rows and
+    the probability in the last row are below MIN_EVENT_PROBABILITY, or if no stiffness
+    changes by more than MIN_CHANGE.
 
     The filter detects a change some time after the change began. Until then, the
     estimates may already have drifted. _find_begin() estimates when the change began."""

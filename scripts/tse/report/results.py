@@ -71,8 +71,9 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of results, each a dict with the keys ESTIMATE_COLUMNS. A
-    change of the road is reported in the rows of the stretch that begins with it."""
+    """Return the rows of the table of results, each a dict with the keys
+    ESTIMATE_COLUMNS. A change of the road is reported in the rows of the stretch that
+    begins with it."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []

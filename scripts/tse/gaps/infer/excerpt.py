@@ -94,9 +94,8 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
 
 
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
-    """Cut the stretches of a log into pieces of the length EXCERPT_PIECE_TIME and return them. Each
-    piece is simulated on its own, so its first BURN_IN is not compared.
-    """
+    """Cut the stretches of a log into pieces of the length EXCERPT_PIECE_TIME and return
+    them. Each piece is simulated on its own, so its first BURN_IN is not compared."""
     found = []
     length = round(EXCERPT_PIECE_TIME / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block

@@ -1,9 +1,9 @@
 """Test a set of effects by cross-validation: compute its residuals in pieces of the logs
 that are left out of the fit.
 
-The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distributed over FOLDS folds.
-The fit is not repeated for each fold, but linearised. If the rows of one fold are left
-out, the parameters change by d, where
+The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distributed over
+FOLDS folds. The fit is not repeated for each fold, but linearised. If the rows of one
+fold are left out, the parameters change by d, where
     H d = w J'e.
 H is the information matrix of the other folds and the prior. J, e and w are the partial
 derivatives, residuals and weights of the fold that is left out. The residuals of this

@@ -115,7 +115,9 @@ class Naming:
     # Covariance of ln stiffness between the sets of effects, weighted by their
     # probability, about the stiffness of the named set. It adds to the uncertainty of the
     # stiffness, because sets that explain the logs equally well may differ in it.
-    spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
+    spread: np.ndarray = field(
+        default_factory=lambda: np.zeros((len(STIFFNESS_PARAMETERS), len(STIFFNESS_PARAMETERS)))
+    )
 
     @property
     def closes_most(self) -> bool:
@@ -215,7 +217,7 @@ def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
 
 def fit_plain_car(problem: Problem) -> Fit:
     """Fit the stiffness of the vehicle file's car by least squares, without effects."""
-    return fit_parameters(problem, STIFFNESS, {})
+    return fit_parameters(problem, STIFFNESS_PARAMETERS, {})
 
 
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
@@ -345,7 +347,7 @@ class Probability:
 
 def compute_ln_stiffness(judged: Judged) -> np.ndarray:
     """Return ln of the ratio of each stiffness to its value in the vehicle file."""
-    return np.log([judged.values[p.name] for p in STIFFNESS])
+    return np.log([judged.values[p.name] for p in STIFFNESS_PARAMETERS])
 
 
 def _make_named(

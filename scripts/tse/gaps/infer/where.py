@@ -170,7 +170,7 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
         # A road does not depend on the steering. If a disturbance at the road is
         # correlated with the lateral acceleration of the car, it does not come from the
         # road, so the road is ranked last.
-        last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
+        last_of_all = id_ == ROAD_BANK and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(
             place, compute_nats(size), share, float(size), "m/s2" if id_ == ROAD_BANK else units[id_].unit

@@ -31,9 +31,8 @@ def _list_channels(table: pd.DataFrame) -> list[str]:
 
 
 def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Return (part, name) of each log. If there are more than MAX_DRAWN_LOGS logs, return those
-    with the largest residuals.
-    """
+    """Return (part, name) of each log. If there are more than MAX_DRAWN_LOGS logs, return
+    those with the largest residuals."""
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
     worst = energy.sort_values(ascending=False).head(MAX_DRAWN_LOGS).index
     return [key for key in energy.index if key in set(worst)]
