@@ -1,7 +1,7 @@
 """Collect the settings of a run.
 
-They are the defaults, overridden by the vehicle file, then by the sampling of the log,
-then by the file of --config, then by options.
+They start with the defaults. Each of the following sources overrides those before:
+vehicle file, sampling of the log, file of --config, options.
 """
 
 import re
@@ -19,17 +19,17 @@ from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, Checked
 
 GAP_IN_SAMPLES = 5  # [sample times] min of the setting max_gap
 # Front and rear wheel speed are the same signal if their ratio varies by less than
-# SAME_RATIO over all rows above ROLLING rad/s, and there are more than MANY such rows.
+# SAME_RATIO in all rows above ROLLING, rad/s, and there are more than MANY such rows.
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
     "longitudinal stiffness is not estimated"
 )
-# filter for each value of the setting `form`, as in the column `filter` of src/tables
+# names of the filters in src/tables. The setting `form` is the index.
 FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
-# filter -> how messages name the forms that select it
+# filter -> forms that select it, as messages name them
 FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 
@@ -78,9 +78,9 @@ def make_config(
         Log of the run. The sample time follows from it, and whether both wheel speeds are
         the same signal.
     filter_file : Path or None
-        File with further settings, of option --config.
+        File with further settings, from option --config. None: no file.
     options : Mapping or None
-        Further settings by name. None as a value: the option is not given.
+        Further settings by name, from options. None as a value: the option is not given.
     form : str
         default, paper or robust.
 
@@ -129,17 +129,18 @@ def filter_of(config: Config) -> str:
 def is_used(name: str, config: Config) -> bool:
     """Return whether the filter that `config` selects uses the setting `name`.
 
-    It does not use settings of the other filter, and none that a set one replaces."""
+    It does not use a setting of the other filter, nor a setting that is replaced by a
+    different one (`replaced_by`) which is not 0."""
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
 
 
 def check_effect(names: Collection[str], config: Config) -> None:
-    """Raise an error if a stated setting belongs to the other filter: it has no effect.
+    """Raise an error if a setting for this run belongs to the other filter.
 
-    Settings of the car are accepted, since a vehicle file is used with both filters.
-    unused_notes() lists those without effect.
+    It would have no effect. Settings of the car are accepted, since a vehicle file is
+    used with both filters. unused_notes() lists those without effect.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ def check_effect(names: Collection[str], config: Config) -> None:
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return groups of optional channels, each with the settings that belong to it.
+    """Return a dict: group of optional channels -> settings that belong to them.
 
     The settings are rows of src/tables/sensors.toml.
     """
@@ -172,10 +173,10 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Raise an error if an optional channel or a setting for one has no effect.
+    """Raise an error if an optional channel, or a setting for one, has no effect.
 
     `asked`: settings stated for this run. Those of the vehicle file are not checked,
-    since it is used for all logs of the car, with these channels or without.
+    since the file is used for all logs of the car, with these channels or without.
     """
     if log is None:
         return
@@ -208,7 +209,7 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
     config : Config
         All settings of the run.
     stated : Mapping
-        Settings that the user states, by name. One with its default value gets no note.
+        Settings that the user states, by name. There is no note on a default value.
     formula : bool
         True: the user states a formula.
     """
@@ -278,9 +279,10 @@ def filter_text(config: Config) -> str:
 
 
 def c_settings(vehicle: Vehicle) -> str:
-    """Return the settings of a vehicle file as a function in C99, for any number format.
+    """Return the settings of a vehicle file as a C99 header with one function.
 
-    Settings that the file leaves out have the values of the car's class.
+    It can be compiled for any number format of the library. Settings that the file leaves
+    out have the values of the car's class.
     """
     config, _ = make_config(vehicle, None)
     stated = {*vehicle.values, *config.changed()}
@@ -289,11 +291,10 @@ def c_settings(vehicle: Vehicle) -> str:
         f"/* {title}. Written by tselab, not by hand. */",
         "#ifndef TSE_CAR_H",
         "#define TSE_CAR_H",
-        "#ifndef TSE_VERSION /* the header of the library was not included before, "
-        "in whatever layout it is */",
+        "#ifndef TSE_VERSION /* the header of the library is not included yet */",
         "#if defined __has_include",
         '#if !__has_include("tse/tse.h")',
-        "#define TSE_IS_FLAT /* tse.h and tse.c in a folder of include files themselves */",
+        "#define TSE_IS_FLAT /* tse.h is in the include path itself, not in its folder tse */",
         "#endif",
         "#endif",
         "#ifdef TSE_IS_FLAT",

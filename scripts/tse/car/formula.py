@@ -1,8 +1,10 @@
 """Read a formula of the user; convert it to settings, values for each row of a log, or C.
 
-A formula is an effect that the catalogue does not have. It consists of a place in the
-model, an expression that is added there, and the numbers in the expression. The
-expression is checked and compiled to the settings formula_* of src/tables/formula.toml.
+A formula is an effect that the catalogue of effects does not have. It consists of a place
+in the model, an expression that is added there, and the numbers in the expression. The
+expression is checked, and compiled to a program: operations in postfix order, in the
+settings formula_code_<k>. Each number has a slot: one of the settings formula_a,
+formula_b, ... (src/tables/formula.toml).
 """
 
 from __future__ import annotations
@@ -27,16 +29,17 @@ from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
 MAX_FORMULA_VALUE = 1e6  # a result of this magnitude or more, or NaN, is replaced by 0
-PER_CODE = 3  # operations in one setting formula_code_<k>: a byte each, lowest byte first
-# Limits of the expression. They protect Python's parser and the recursion in _Compiler.
-MAX_TEXT = 400  # characters
-MAX_NESTING = 20  # levels
+# operations in one setting formula_code_<k>: one byte each, the first in the lowest byte
+PER_CODE = 3
+MAX_TEXT = 400  # [characters] max length
+MAX_NESTING = 20  # max depth of nested parts
 MAX_POWER = 4  # max exponent
-MAX_UNIT = 40  # characters of a unit
+MAX_UNIT = 40  # [characters] max length of a unit
 
 OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
-LITERALS = {1.0: "one", 2.0: "two"}  # literals with an operation of their own, without a slot
-# operation -> how an expression writes it. It must not be called by its name
+# literals that have an operation of their own, and need no slot
+LITERALS = {1.0: "one", 2.0: "two"}
+# operation -> its notation. An expression must not call these operations by name.
 WRITTEN_AS = {
     "add": "x + y",
     "sub": "x - y",
@@ -46,8 +49,9 @@ WRITTEN_AS = {
     "one": "1",
     "two": "2",
 }
-# For operations whose result has the unit of the first operand (unit `first` in the
-# table): units of the other operands. "x": the unit of the first operand.
+# Units of the second and further operands of the operations with unit = "first" in
+# src/tables/formula.toml, whose result has the unit of the first operand. "x": unit of
+# the first operand.
 OPERANDS = {"lag": ("s",), "second": ("1/s", "1"), "late": ("s",), "play": ("x",), "limit": ("x/s",)}
 UNIT = re.compile(r"((1|[A-Za-z]+[1-9]?( [A-Za-z]+[1-9]?)*)(/[A-Za-z]+[1-9]?)*)?")
 FORMULA_KEYS = ("id", "title", "place", "formula", "gain", "numbers", "found")
@@ -63,13 +67,13 @@ class FormulaError(UserError):
 
 
 def _get_limit(name: str) -> int:
-    """Return a limit of formulas: table [limit] of src/tables/formula.toml."""
+    """Return a limit of formulas, from the table [limit] of src/tables/formula.toml."""
     return library().formula_limits[name]
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a formula. `value` and `sd` are in `unit`. sd None: unknown."""
+    """One number of a formula. `value` and `sd` are in `unit`. `sd` None: unknown."""
 
     name: str
     value: float
@@ -93,8 +97,8 @@ class Formula:
     gain
         Factor of the whole formula.
     found
-        Facts that tselab wrote to the file: strings, numbers, lists of them. They are
-        kept, but not used.
+        Results that tselab wrote to the file: strings, numbers, lists of them. They are
+        kept in the file, but not used.
 
     Raises
     ------
@@ -138,7 +142,7 @@ class Formula:
 
     @property
     def _program(self) -> _Program:
-        """Program compiled from the expression."""
+        """The program that is compiled from the expression."""
         return _compile_program(
             self.text,
             library().formula_places[self.place].unit,
@@ -152,18 +156,18 @@ class Formula:
 
     @property
     def operations(self) -> tuple[int, ...]:
-        """Program: codes of FORMULA_OP in postfix order."""
+        """The program: codes of FORMULA_OP in postfix order."""
         table = library().formula_ops
         return tuple(table[op].code for op in self._program.operations)
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Literals of the expression except 1 and 2, in the slots after the numbers."""
+        """Literals except 1 and 2. Their slots follow those of the numbers."""
         return self._program.constants
 
     @property
     def slots(self) -> dict[str, str]:
-        """Name of each number -> setting that holds it, in order of first appearance."""
+        """Number -> setting that is its slot, in order of first appearance."""
         return {
             name: f"formula_{letter}"
             for name, letter in zip(self._program.named, _list_letters(), strict=False)
@@ -198,18 +202,19 @@ class Formula:
         )
 
     def evaluate(self, signals: Mapping[str, np.ndarray], dt: float | np.ndarray) -> np.ndarray:
-        """Evaluate the formula over rows.
+        """Evaluate the formula in each row of a log.
 
         Parameters
         ----------
         signals
-            Values of each signal that the formula uses, (rows,), by its name in
-            FORMULA_OP.
+            Signal in FORMULA_OP -> its values, (rows,). It needs all signals that the
+            formula uses.
         dt
             Time since the row before, s: one number, or (rows,). The first is not used.
 
-        Returns ------- Values that are added at the place, (rows,): gain times formula,
-        in the unit of the place.
+        Returns
+        -------
+        (rows,) gain times formula, in the unit of the place: values that are added there.
 
         Raises
         ------
@@ -218,8 +223,10 @@ class Formula:
         ValueError
             Shapes do not match.
 
-        Notes ----- Tests compare the library with this implementation. Operations with
-        memory start at rest at the first row.
+        Notes
+        -----
+        Tests compare the library with this implementation. Operations with memory start
+        at rest at the first row.
         """
         rows = max([np.size(dt), *(np.size(values) for values in signals.values())])
         h = np.broadcast_to(np.asarray(dt, float), (rows,)).copy()
@@ -318,7 +325,7 @@ def format_toml(formula: Formula) -> str:
 def format_c_header(formula: Formula) -> str:
     """Return the formula as a C99 header, which replaces the interpreter of the library.
 
-    The numbers of the formula remain settings.
+    The numbers of the formula remain settings: their values may change at run time.
     """
     program, table = formula._program, library().formula_ops
     place = library().formula_places[formula.place]
@@ -381,17 +388,17 @@ class _Program:
     """A compiled expression."""
 
     operations: tuple[str, ...]  # in postfix order
-    named: tuple[str, ...]  # names of the numbers in the first slots
-    constants: tuple[float, ...]  # literals in the slots after them
+    named: tuple[str, ...]  # names of the numbers, in the order of their slots
+    constants: tuple[float, ...]  # literals, whose slots follow those of the numbers
 
 
-# The result is cached: every property of a Formula needs the program, and a search
-# changes only the values of its numbers.
+# The result is cached: every property of a Formula needs the program, and a search for
+# the best numbers compiles the same expression again and again.
 @functools.lru_cache(maxsize=1024)
 def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str], ...]) -> _Program:
-    """Compile an expression and check its dimensions.
+    """Compile an expression to a program, and check its dimensions.
 
-    `place_unit`: unit of the place. `numbers`: name and unit of each number.
+    `place_unit`: unit of the place. `numbers`: (name, unit) of each number.
 
     Raises
     ------
@@ -425,7 +432,7 @@ def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str],
 
 
 def _parse_text(text: str) -> ast.expr:
-    """Parse an expression. Before, refuse one that could overload Python's parser."""
+    """Parse an expression. Text that could overload Python's parser is refused before."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"key formula: has {len(text)} characters, {MAX_TEXT} are allowed")
     # only ASCII is allowed: Python converts some other letters to similar ASCII letters
@@ -451,9 +458,9 @@ def _parse_text(text: str) -> ast.expr:
 
 
 class _Compiler:
-    """Visits a syntax tree: appends operations to `steps` and returns dimensions.
+    """Compiler: visits a syntax tree, appends operations to `steps`, returns dimensions.
 
-    In `steps`, a number of the formula is its name and a literal its value.
+    A step is the name of an operation, signal or number, or the value of a literal.
     """
 
     def __init__(self, text: str, units: Mapping[str, Any]):
@@ -475,7 +482,8 @@ class _Compiler:
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
         """Append an operation that takes `takes` operands, and check the limits.
 
-        They are checked at once, since powers of powers could grow without limit."""
+        Limits are checked after each operation: powers of powers could fill the
+        memory."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -579,7 +587,7 @@ class _Compiler:
         return result
 
     def visit_operation(self, node: ast.expr, op: str, operands: list[ast.expr], level: int) -> Any:
-        """Append operands and operation, check their units, and return the dimension."""
+        """Append operands and operation, check units, return the resulting dimension."""
         units = [self.visit(operand, level + 1) for operand in operands]
         self.emit(node, op, len(operands))
         rule, first = self.table[op].unit, units[0]
@@ -597,7 +605,7 @@ class _Compiler:
             own = {"x": first, "x/s": first / _parse_dimension("s")}
             rest = [own[u] if u in own else _parse_dimension(u) for u in OPERANDS[op]]
             self.check_units(node, operands, units, [first, *rest])
-        else:  # the rule is the unit of the operands and of the result, e.g. 1 for soft
+        else:  # the rule is the unit of all operands and of the result, e.g. 1 for soft
             self.check_units(node, operands, units, [_parse_dimension(rule)] * len(units))
             return _parse_dimension(rule)
         return first
@@ -605,7 +613,7 @@ class _Compiler:
     def check_units(
         self, node: ast.AST, operands: list[ast.expr], units: list[Any], needed: list[Any]
     ) -> None:
-        """Raise an error if units of operands differ from the needed ones."""
+        """Raise an error if the units of operands differ from the needed ones."""
         for operand, unit, need in zip(operands, units, needed, strict=True):
             if unit != need:
                 part = ast.get_source_segment(self.text.lstrip(" "), operand)
@@ -621,8 +629,8 @@ class _Compiler:
 def _parse_dimension(unit: str) -> Any:
     """Return the dimension of a unit, e.g. of rad*s**2/m for the string "rad s2/m".
 
-    rad counts as 1. Since numbers are used without conversion, only coherent SI units are
-    allowed: 0.1 deg would be used as 0.1 rad.
+    rad has the dimension 1. Only coherent SI units are allowed, since values are used
+    without conversion: 0.1 deg would be used as 0.1 rad.
 
     Raises
     ------
@@ -647,7 +655,7 @@ def _parse_dimension(unit: str) -> Any:
 
 
 def _format_unit(dimension: Any) -> str:
-    """Format a dimension in the notation of the tables: m/s2."""
+    """Return a dimension in the notation of the tables, e.g. m/s2."""
     base = {"[length]": "m", "[time]": "s", "[mass]": "kg", "[temperature]": "K", "[current]": "A"}
     powers = {base.get(name, name): power for name, power in sorted(dimension.items())}
     parts = {name: name + ("" if abs(p) == 1 else f"{abs(p):g}") for name, p in powers.items()}
@@ -669,7 +677,7 @@ def _list_signals() -> list[str]:
 
 
 def _list_functions() -> list[str]:
-    """Return the operations that an expression calls by name: lag(x, y), ..."""
+    """Return the operations that an expression calls by name, such as lag(x, y)."""
     return [
         op.name
         for op in library().formula_ops.values()
@@ -698,7 +706,7 @@ def _count_indent(text: str) -> int:
 
 
 def _suggest_name(name: str, known: Iterable[str]) -> str:
-    """Return a similar known name as a question; without one, the list of all names."""
+    """Return "did you mean x?" for a similar known name; without one, list all names."""
     known = list(known)
     return suggest_names(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
 
@@ -741,9 +749,10 @@ def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], prefix: str) ->
 
 
 def _read_entry(data: Mapping[str, Any], key: str, kind: type, prefix: str, default: Any = None) -> Any:
-    """Return a value of a file; raise an error if it is missing or of a different kind.
+    """Return a value of a file; raise an error if it is missing or has a wrong type.
 
-    An integer is converted if a float is needed. `default`: None if the key is needed."""
+    An integer is converted if a float is needed. `default`: value of a missing key; None:
+    the key is required."""
     kinds = {str: "a string", float: "a number", dict: "a table"}
     value = data.get(key, default)
     if value is None:
@@ -772,7 +781,7 @@ def _read_number(name: str, table: Any) -> Number:
 
 
 def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
-    """Convert a value of `found` from numpy to plain Python types."""
+    """Return a value of `found` in plain Python types, converted from those of numpy."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, (list, tuple)) and level < 4:
@@ -799,11 +808,11 @@ def _escape_comment(text: str) -> str:
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", line)
 
 
-# ---- From program to values: operations on arrays with a value for each row
+# ---- From program to values: operations on arrays, (rows,)
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return x / y, and 0 where y is 0."""
+    """Return x / y, or 0 if y is 0."""
     return np.divide(x, y, out=np.zeros(len(x)), where=y != 0)
 
 
@@ -832,10 +841,10 @@ def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float
 
 @_use_lists
 def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]:
-    """Apply a first-order lag with the time constants `time`, by the trapezoidal rule.
+    """Apply a first-order lag with the time constants `time`, s, by the trapezoidal rule.
 
-    A time constant below half a step is limited to it: the result is then the mean of two
-    rows.
+    A time constant below half a step is replaced by half a step: the result is then the
+    mean of two rows.
     """
     y = [x[0]]
     for i in range(1, len(x)):
@@ -849,7 +858,9 @@ def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]
 def _apply_second(
     h: list[float], a: list[float], frequency: list[float], damping: list[float]
 ) -> list[float]:
-    """Apply a second-order lag, in the same way as mode_step() of src/model/laws.h."""
+    """Apply a second-order lag, by the same method as mode_step() in src/model/laws.h.
+
+    `frequency`: natural frequency, Hz. `damping`: damping ratio."""
     x, v = a[0], 0.0
     y = [x]
     for i in range(1, len(a)):
@@ -864,7 +875,7 @@ def _apply_second(
 
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Delay a signal. Before the first row, it has its first value."""
+    """Delay a signal by `delay`, s. Before the first row, it has its first value."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 
@@ -890,7 +901,7 @@ def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[floa
 
 @_use_lists
 def _differentiate(h: list[float], x: list[float]) -> list[float]:
-    """Return the rate of change of a signal. Where the time step is 0, it is held."""
+    """Return the rate of change of a signal; if a time step is 0, the previous rate."""
     y = [0.0]
     for i in range(1, len(x)):
         y.append((x[i] - x[i - 1]) / h[i] if h[i] > 0 else y[-1])

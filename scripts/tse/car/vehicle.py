@@ -22,13 +22,13 @@ from tse.log.rows import MEASURES, CheckedLog
 GRAVITY = 9.81  # [m/s2] the same value as in the library
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # [m] max difference of wheelbase and lf + lr
-# [kg/m2] plausible range of the mass over wheelbase squared. Small cars have 100, vans
-# 380. A mass in pounds instead of kg increases it by the factor 2.2.
+# [kg/m2] plausible range of mass / wheelbase^2. It is about 100 in small cars, and 380 in
+# vans. A mass in pounds instead of kg increases it by the factor 2.2.
 MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
-# keys that a calibration assumes to be known: if they change, it is no longer valid
+# keys that a calibration assumes to be known: if one changes, it must be repeated
 CALIBRATED_FACTS = ("mass", "lf", "lr")
-MAX_REAR_RATIO = 1.05  # [1] max lf over lr of cars with front-wheel drive
-# keys that are not settings
+MAX_REAR_RATIO = 1.05  # [1] max lf / lr of cars with front-wheel drive
+# keys at the top of the file that are not settings
 DESCRIPTIVE = (
     "name",
     "wheelbase",
@@ -39,7 +39,8 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
-FRICTION = "tyre_saturation_inverse_friction"  # name of the setting, and of the unknown in [calibration]
+# 1/friction of the tyres: name of the setting, and of the unknown in [calibration]
+FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
 # min similarity (ratio of difflib) of an unknown table to one of VEHICLE_TABLES for which
@@ -48,10 +49,11 @@ MIN_TABLE_LIKENESS = 0.75
 MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")  # keys that are not used
 
-# Lower limits of the prior that a calibration provides, since tyres and steering differ
-# from the model: [1] sd of the grip, 1/friction, and model_sd.
-MIN_GRIP_SD, MIN_INVERSE_FRICTION = 0.1, 0.2
-CALIBRATED_MODEL_SD = 0.05
+# Lower limits of the prior that a calibration provides. Without them, the prior would be
+# too certain, since tyres and steering differ from the model.
+MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
+MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction
+CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd
 # Settings that a calibrated vehicle file states from the residuals of the calibration.
 # The filter does not use them: it estimates the noise of these sensors while driving.
 FOUND_SENSORS = (
@@ -73,21 +75,23 @@ class Vehicle:
     path: Path | None
     name: str
     values: dict[str, float]  # settings by name
-    facts: dict[str, Any]  # other keys of the file: DESCRIPTIVE, HINT_ONLY
-    filled: list[str] = field(default_factory=list)  # lines on values that rules have set
-    found: list[str] = field(default_factory=list)  # lines on a calibration on the log itself
+    facts: dict[str, Any]  # keys of the file that are not settings: DESCRIPTIVE, HINT_ONLY
+    filled: list[str] = field(default_factory=list)  # messages: values that rules have set
+    # messages: results of a calibration on the log itself
+    found: list[str] = field(default_factory=list)
     given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
-    wrong: list[str] = field(default_factory=list)  # notes on errors that scale every stiffness
+    wrong: list[str] = field(default_factory=list)  # messages: errors that scale every stiffness
     formula: Formula | None = None  # formula in the file that [formula] names
     formula_path: Path | None = None
-    # table [calibration], written by an earlier `tselab calibrate`: names, mean,
-    # covariance, of, own (True: on the log that is estimated). {}: no calibration
+    # Table [calibration], as written by `tselab calibrate`; {}: there is none. Keys:
+    # names, mean and covariance of the fitted unknowns; of: CALIBRATED_FACTS at that
+    # time; own: True if it was made on the log that is estimated
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
     def steering_ratio(self) -> float | None:
-        """Angle of the steering wheel over that of the front wheels; None: unknown."""
+        """Angle of the steering wheel / angle of the front wheels; None: unknown."""
         ratio = self.facts.get("steering_ratio")
         return float(ratio) if isinstance(ratio, (int, float)) and ratio > 0 else None
 
@@ -109,9 +113,10 @@ def get_unknown_car() -> dict[str, float]:
 
 @functools.cache
 def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
-    """Return settings of an ordinary car with this mass and axles.
+    """Return settings of an ordinary car with this mass, kg, and distances lf and lr, m.
 
-    Only settings that differ from those of an exactly known car are returned."""
+    lf and lr: distances of the front and rear axle from the centre of gravity. Only
+    settings that differ from those of an exactly known car are returned."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -120,13 +125,13 @@ def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]
 
 
 def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
-    """Return the settings of the car, as the default filter uses them.
+    """Return the settings of the car for the default filter.
 
     If the car is not calibrated, settings that the vehicle file leaves out are those of
     an ordinary car of its class (src/tables/uncalibrated.toml), as in C and the FMU. If
-    it is calibrated, the posterior of the calibration is the prior of the filter. If
-    [uncertainty] is 0 throughout, the car is known exactly. Settings of the vehicle file
-    take precedence, except those that the calibration determines and FOUND_SENSORS of a
+    the car is calibrated, the posterior of the calibration is the prior of the filter. If
+    all of [uncertainty] is 0, the car is known exactly. Settings of the vehicle file take
+    precedence, except those that the calibration determines, and FOUND_SENSORS of a
     calibrated car.
     """
     v = dict(vehicle.values)
@@ -161,15 +166,15 @@ def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
 
 
 def get_ordinary_car(config: Config) -> dict[str, float]:
-    """Return settings of an ordinary car with the mass and axles of `config`."""
+    """Return settings of an ordinary car with the mass, lf and lr of `config`."""
     return _compute_class_values(float(config.mass), float(config.lf), float(config.lr))
 
 
 def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
     """Return grip and shape of the tyre curve.
 
-    `inverse`: fitted 1/friction, `shape`: fitted shape. If `inverse` is 0, the effect was
-    not fitted, and the values of the class are returned.
+    `inverse`: fitted 1/friction; 0: it was not fitted, and the values of `ordinary` are
+    returned. `shape`: fitted shape. `ordinary`: settings of an ordinary car.
     """
     if not inverse:
         return ordinary["grip"], ordinary[SHAPE]
@@ -177,7 +182,9 @@ def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) ->
 
 
 def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
-    """Return each stiffness of a calibrated file with its 95 % interval, N/rad or N."""
+    """Return the stiffnesses of a calibrated file: key -> value, min and max, N/rad or N.
+
+    Min and max are the 95 % interval. {}: the file is not calibrated."""
     c, found = vehicle.calibration, {}
     for key in NOMINAL if c else ():
         value = float(vehicle.values[NOMINAL[key]])
@@ -187,8 +194,8 @@ def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, floa
 
 
 def describe_stiffness(vehicle: Vehicle) -> str:
-    """Return the stiffness of a calibrated file with its intervals, as one line."""
-    # longitudinal stiffness is observable at the driven axle
+    """Return the stiffnesses of a calibrated file with their intervals, as one line."""
+    # longitudinal stiffness is observable at the driven axle only
     rear = vehicle.driven_axle == "rear"
     along = "rear longitudinal" if rear else "front longitudinal"
     units = {
@@ -223,7 +230,7 @@ def list_sensor_settings() -> list[str]:
 
 
 def list_latency_settings() -> dict[str, str]:
-    """Return the keys of [latency], which are channels, each with its setting."""
+    """Return a dict: key of [latency], which is a channel -> its setting."""
     return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
@@ -258,7 +265,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     Parameters
     ----------
     data
-        Contents as dictionaries. The function removes the tables from it.
+        Contents of the file as nested dicts. The function removes the tables from it.
     path
         Name of the file in messages; its folder contains the file of the formula.
 
@@ -313,7 +320,8 @@ def _read_tables(
 ) -> tuple[dict[str, Any], list[str]]:
     """Add settings of the tables to `values`, and messages on wrong keys to `unknown`.
 
-    `check`: settings in which each value is set, to check its range.
+    `tables`: name -> contents; "": the top of the file. `check`: settings in which each
+    value is set, to check its range.
 
     Returns
     -------
@@ -349,7 +357,7 @@ def _read_tables(
 
 
 def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]) -> list[str]:
-    """Return notes on tables that contradict each other or the rest of the file."""
+    """Return notes on tables that contradict each other or other keys of the file."""
     found, values = [], vehicle.values
     is_exact = all(uncertainty.get(key) == 0 for key in list_uncertainty_settings())
     exact = Config.exact()
@@ -373,7 +381,7 @@ def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]
 
 
 def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return messages on implausible mass and axles.
+    """Return messages on an implausible mass or position of the axles.
 
     A log does not reveal such errors, but the estimated stiffness is proportional to the
     mass and depends on the position of the centre of gravity.
@@ -396,7 +404,7 @@ def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
 
 
 def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return messages on CALIBRATED_FACTS that changed after the calibration."""
+    """Return messages on CALIBRATED_FACTS that differ from those at the calibration."""
     found = []
     of = vehicle.calibration.get("of", {})
     for key, value in of.items() if isinstance(of, dict) else ():
@@ -418,9 +426,9 @@ def _is_table(value: Any) -> bool:
 
 
 def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
-    """Return a hint at what an unknown key may mean, as the end of a message.
+    """Return a hint at the probable meaning of an unknown key, to end a message.
 
-    `table`: table of the key, "" for the top of the file. `known`: keys of each table."""
+    `table`: table of the key; "": top of the file. `known`: table -> its keys."""
     if (table, key) == ("latency", "yaw_rate"):
         return ": it is the reference; latencies of the other channels are relative to it"
     known = {name: [*keys] if name else [*keys, *DESCRIPTIVE] for name, keys in known.items()}
@@ -482,7 +490,7 @@ def format_calibration_table(
     own
         True: the car was calibrated on the logs that are estimated.
     of
-        Settings of the car. CALIBRATED_FACTS are written.
+        Settings of the car, of which CALIBRATED_FACTS are written. None: none are.
     """
     lines = ["[calibration]"]
     if of:
@@ -499,7 +507,7 @@ def _format_numbers(values: np.ndarray) -> str:
 
 
 def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
-    """Check and return the table [calibration], which tselab wrote; {}: it is missing."""
+    """Check and return the table [calibration] that tselab wrote; {}: it is missing."""
     if not table:
         return {}
     try:
@@ -516,7 +524,7 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # check the correlations: their rounding errors are relative to 1
+    # check correlations: unlike covariances, all have the same size and rounding errors
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
@@ -570,7 +578,7 @@ def _set_value(config: Config, key: str, value: Any, source: str) -> None:
     except SettingError as error:
         raise UserError(f"{source}: {error}") from None
     f = config.fields[key]
-    # Config also accepts 0 for "not set". A file must leave the key out instead
+    # Config accepts 0 for "not set". In a file, the key must be left out instead.
     if not f.low <= value <= f.high:
         raise UserError(
             f"{source}: {key} = {value:g} is outside its range {f.range_text}; if it is unknown, leave it out"
@@ -597,7 +605,7 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
 
 
 def _fill_vehicle(vehicle: Vehicle) -> None:
-    """Set missing yaw inertia, stiffnesses and uncertainties to those of the class."""
+    """Set missing yaw inertia, stiffnesses and uncertainties by rule, with messages."""
     v = vehicle.values
     ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     fields = Config().fields
@@ -611,7 +619,7 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 
 
 def _fill_uncertainty(vehicle: Vehicle) -> None:
-    """Set missing uncertainties to those of an uncalibrated car; one line states them."""
+    """Set missing uncertainties to those of an uncalibrated car; append one message."""
     fields = Config().fields
     missing = {key: sd for key, sd in get_unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
@@ -622,7 +630,7 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
 
 
 def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Set missing noise and bias of sensors from the log, by the rules of noise.py."""
+    """Set missing noise and bias of sensors from the log, by rules of log/noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
     config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
@@ -658,7 +666,7 @@ def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving: np.ndarray) -> None:
-    """Set the noise of the wheel speeds to that of the noisier axle, if it is missing."""
+    """If the noise of the wheel speeds is missing, set it to that of the noisier axle."""
     found = {a: estimate_noise(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
@@ -668,7 +676,9 @@ def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving:
 
 
 def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Reduce the stated sensor noise if rows of the log are means of several samples."""
+    """Reduce the stated noise of sensors if each row of the log is a mean of n samples.
+
+    The sd of the mean is sd / sqrt(n), with n = log.averaged."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
         if log.averaged < 2 or key not in vehicle.values:

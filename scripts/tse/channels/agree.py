@@ -29,28 +29,32 @@ from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 # tests/cars and the real logs). accel_x: pitch and grade. steer_angle: steering
 # compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
-# [m] track of passenger cars, and [1] sd of its logarithm: used if it is not given
+# [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
+# not state the track.
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
-# Costs are squared deviations of the logarithms of the ratios from 0, in sd^2.
-# [1] cost added for each assumed mistake. It must reduce the deviations by more than this
-# to be reported, since most logs are correct
+# An assumption on units and signs is rated by its cost: the sum of (ln ratio / sd)^2 over
+# the corrected ratios, plus the following costs.
+# [1] cost of each assumed mistake. A mistake is reported only if it reduces the sum by
+# more than this, since most logs are correct.
 CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
-# [1] cost of a ratio that cannot be computed with one unit of the speed but can with a
-# different one: the lower speed would say that the car stands while other channels move.
+# [1] cost of each ratio that cannot be computed with the assumed unit of the speed, but
+# can with a different one. Otherwise, a unit with which the car hardly moves would leave
+# no ratio, and thus have the lowest cost.
 LOST_FIGURE_PRICE = 30.0
 # [1] min correlation for a ratio to be used; of the steering angle: min share of its
 # variance that the fit explains
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
 # [1] A ratio whose correlation is below MIN_FIT by less than this is used, too, if its
-# correlation exceeds MIN_FIT with a different tried unit of the speed. Otherwise each
-# unit would be judged by different ratios: a real log with a correlation of accel_y of
-# 0.898 at its own speed, and of 0.913 at 0.85 of this speed, was reported as km/h.
+# correlation exceeds MIN_FIT with a different assumed unit of the speed. Otherwise, the
+# units would be compared by different sets of ratios: a real log was wrongly reported as
+# km/h, since accel_y had a correlation of 0.898 with the correct speed, and of 0.913 with
+# 0.85 times this speed.
 FIT_SLACK = 0.05
 # [1] cost of a factor that belongs to no known unit: CAUSE_PRICE, plus the cost of
 # choosing one factor from 1/20 .. 20 with the accuracy of FIGURE_SD
 FREE_FACTOR_PRICE = 12.0
-# [1] max abs. logarithm of a ratio after correction by a cause that explains it
+# [1] A cause explains a ratio if the abs. logarithm of the corrected ratio is below this.
 EXPLAINED = 0.10
 # [1] abs. logarithm of a ratio above which a warning is given though no cause explains it
 MAX_UNEXPLAINED = 0.35
@@ -59,13 +63,15 @@ MAX_UNEXPLAINED = 0.35
 # warning names handling as a possible cause.
 MAX_HANDLING = 1.0
 STANDARD_GRAVITY = 9.80665  # m/s2
-# begins a warning whose cause leaves a ratio with a logarithm above EXPLAINED
+# A warning contains this word if its cause is not certain, e.g. if a ratio is still wrong
+# after correction by the cause.
 PERHAPS = "perhaps "
-USUAL_STEERING_RATIO = 15.0  # [1] used if the vehicle file states none
+USUAL_STEERING_RATIO = 15.0  # [1] used if the vehicle file states no steering ratio
 
 DEG_PER_RAD = 180 / np.pi
-# Mistakes of one channel. Columns: channel; factor by which it is too large; exponent of
-# the steering ratio, which multiplies the factor; unit, or "" for a wrong sign; message.
+# Mistakes of one channel: its logged values are factor x (steering ratio)^exponent times
+# the true ones. Columns: channel; factor; exponent; unit of the logged values, or "" for
+# a wrong sign; message.
 # docs/page/check.js uses these tables, too.
 CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", DEG_PER_RAD, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
@@ -79,9 +85,9 @@ CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# Mistakes of all four wheel speeds. Columns: factor by which they are too large; exponent
-# of the wheel radius, which multiplies the factor; unit; message. A diameter in place of
-# a radius doubles the speed.
+# Mistakes of all four wheel speeds: the logged values are factor x radius^exponent times
+# the true ones (radius of the wheel, m). Columns: factor; exponent; unit of the logged
+# values; message. A diameter in place of the radius doubles the speed of the car.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
@@ -99,76 +105,79 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-MIN_FALSE_STOP = 0.5  # [s] min duration of wheel speeds of 0 that is reported
-# [m/s] min sum of the steps of the wheel speed to 0 and from 0: e.g. 5 m/s each
+MIN_FALSE_STOP = 0.5  # [s] min duration of wheel speeds of 0 in a moving car that is reported
+# [m/s] min sum of the steps of the wheel speed to 0 and back from 0: e.g. 5 m/s each
 MIN_FALSE_STEP = 10.0
-# [1] max ratio of a measured velocity to the speed of the wheels. Min: its inverse
+# [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
 MAX_SPEED_RATIO = 1.25
 MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
 CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or a course are compared
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
-# [1] max ratio of the force of the wheel torques to mass x accel_x. Min: its inverse if
-# both axles have torques, MIN_AXLE_SHARE if only one has
+# [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
+# MAX_FORCE_RATIO if both axles have torques, MIN_AXLE_SHARE if only one has.
 MAX_FORCE_RATIO = 1.6
 MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
-MIN_AXLE_SHARE = 0.25  # [1] min share of a driven axle in the force
-# [1] cross-axis sensitivity of both accelerometers above which the IMU is turned: sine of
-# 12 degrees. Correct cars reach 0.13, and only in one of the two.
+MIN_AXLE_SHARE = 0.25  # [1] min share of the force that a driven axle transmits
+# [1] The IMU is turned about its vertical axis if the cross-axis sensitivity of both
+# accelerometers exceeds this, the sine of 12 degrees. In correct logs, only one of the
+# two deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
-# If the two wheels of one side are taken for an axle, front minus rear wheel speed is
-# proportional to the yaw rate. [m] range of the factor, and [1] min share of the variance
-# of this difference that the yaw rate explains, without slip.
+# If the two wheels of one side are logged as an axle, front minus rear wheel speed is
+# proportional to the yaw rate. SIDE_LEVER: [m] range of the factor. MIN_SIDE_SHARE: [1]
+# min share that the yaw rate explains of the variance that slip does not explain.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-# [s] max delay of accel_y behind the yaw rate. It is -0.06 .. 0.1 in logs whose IMU is
-# placed correctly
+# [s] max delay of accel_y behind the yaw rate. In logs with a correctly placed IMU, it is
+# -0.06 .. 0.1.
 MAX_LATE_ACROSS = 0.1
-# [rows] length of the integral of accel_x, used if rows are further apart than the raster
+# [rows] interval over which accel_x is integrated, to check the times of a log whose rows
+# are further apart than 1 / COMPARISON_RATE
 SLOW_ROWS = 20
-# [1] max ratio of this integral to the change of speed. Min: its inverse
+# [1] max ratio of this integral to the change of speed. Min ratio: 1 / MAX_TIME_RATIO
 MAX_TIME_RATIO = 3.0
 # [1] max share of the pieces of a log that contradict a mistake found in the whole log
 MAX_ODD_SHARE = 0.2
-COMPARED_PIECE_TIME = 20.0  # [s] long enough to contain bends and changes of speed
-# [rows] 87 minutes at 100 Hz. Noise and units of a longer log are found from its part
-# with the most motion.
+COMPARED_PIECE_TIME = 20.0  # [s] length of these pieces: long enough to contain bends and changes of speed
+# [rows] max length of a log that is checked as a whole: 87 minutes at 100 Hz. Of a longer
+# log, noise and units are determined from the part of this length with the most motion.
 MAX_CHECKED_ROWS = 1 << 19
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A wrong unit or sign: a channel is `factor` times its true value."""
+    """A wrong unit or sign: the logged channel is `factor` times its true value."""
 
     channel: str
     factor: float
-    text: str
+    text: str  # message
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Ratios of measured to expected values of a log, by names of FIGURES."""
+    """Ratios of measured to expected values of a log. Keys: names in FIGURES."""
 
     value: dict[str, float]
-    sd: dict[str, float]  # [1] sd of the logarithm of each ratio
-    sure: frozenset[str] = frozenset()  # names of the ratios that reach MIN_FIT without FIT_SLACK
+    sd: dict[str, float]  # [1] name -> sd of the logarithm of the ratio
+    # names of the ratios whose correlation exceeds MIN_FIT, without FIT_SLACK
+    sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:
-        """Return only the ratios of these names."""
+        """Return a copy with the ratios of these names only."""
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
 def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
-    """Read logs and return those whose channels agree. Only these calibrate a car.
+    """Read logs and return those whose channels agree: only these may calibrate a car.
 
     Parameters
     ----------
     logs : sequence of Path or CheckedLog
-        Logs that are already read, or paths of files to read.
+        Logs in memory, or paths of files to read.
     notes : list of str
         The function appends the warnings of each log, and the reason why a log is left
         out.
     reading : Reading
-        Options of reading files, and the car.
+        Options of reading. Its member `car` is the car; None: the default car.
 
     Raises
     ------
@@ -214,8 +223,7 @@ def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     """Return a warning if accel_y is delayed against the yaw rate, or leads it, else [].
 
     The expected accel_y is v r plus the derivative of the lateral velocity, delayed by
-    the latency in the vehicle file. Body roll delays it further: MAX_LATE_ACROSS permits
-    this."""
+    the latency in the vehicle file. Body roll delays it by up to MAX_LATE_ACROSS more."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -233,9 +241,9 @@ def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
         return []
     return [
         f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
-        f"{'later' if late > 0 else 'earlier'} than the car turns: one of them is late or low-passed, or the "
-        "IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or state the delay in "
-        "the vehicle file"
+        f"{'later' if late > 0 else 'earlier'} than the car turns: accel_y or yaw_rate is delayed or "
+        "low-passed, or the IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or "
+        "state the delay in the vehicle file"
     ]
 
 
@@ -306,7 +314,7 @@ def check_units(
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
-                continue  # with this unit of the speed, some ratios are missing: not explained
+                continue  # this unit cannot be the cause: some ratios cannot be computed with it
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
     pedals = _check_pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
@@ -318,7 +326,7 @@ def check_units(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
             # The mistake explains only a part of the log, e.g. a slide. A wrong unit
-            # would be wrong in all of it.
+            # would affect all of it.
             return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
@@ -338,10 +346,11 @@ def _holds_throughout(
     radii: tuple[float, float],
     causes: tuple[Cause, ...],
 ) -> bool:
-    """Return whether the causes improve nearly all pieces of the log that can test them.
+    """Return whether the causes lower the cost in nearly all pieces of the log.
 
     A wrong unit or sign affects the whole log. A slide or ice affects the ratios in the
-    same way, but only in a part of it."""
+    same way, but only in a part of it. Pieces with little motion, in which the cost
+    hardly changes, are not counted."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
     count = round(COMPARED_PIECE_TIME * physics.COMPARISON_RATE)
@@ -363,7 +372,9 @@ def _holds_throughout(
 
 
 def _list_alternatives(name: str, x: float) -> str:
-    """Return other explanations of a wrong ratio `name` = x, as the end of a sentence."""
+    """Return further explanations of a wrong ratio, as the end of a sentence.
+
+    `name`: name of the ratio. `x`: its value."""
     if name == "accel_x":
         return f": time, if its steps are {x:.3g} times the true ones"
     if name != "steer_angle":
@@ -376,8 +387,8 @@ def _compute_free_factor_cost(figures: Figures) -> float:
     """Return the lowest cost after correction of one channel by any factor and sign."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        # correct the channel by the factor e, to find the ratios that depend on the
-        # factor, and its exponent in each of them
+        # Correct the channel by the factor e. The ratios that change depend on the
+        # factor, and the logarithm of their change is the exponent of the factor.
         turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
@@ -397,8 +408,9 @@ def find_false_stops(
 ) -> list[str]:
     """Return a warning if both wheel speeds are 0 while the car drives.
 
-    The speeds then step to 0 from one row to the next, and back as suddenly. Brakes and
-    engine cannot cause two steps whose sum exceeds MIN_FALSE_STEP."""
+    The speeds then step to 0 from one row to the next, and back to the speed of the car
+    in the same way. The sum of both steps exceeds MIN_FALSE_STEP, which braking and
+    accelerating cannot cause."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -425,11 +437,11 @@ def find_false_stops(
 def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
     """Return warnings if a measured velocity contradicts wheels, yaw rate or accel_y.
 
-    Longitudinal velocity: equals the speed of the wheels within the factor
-    MAX_SPEED_RATIO, since slip and errors of the radii are a few percent. Course: its
-    changes over CHANGE_TIME correlate with the integral of the yaw rate. Lateral
-    velocity: its changes correlate with the integral of accel_y - v r, on a flat road. A
-    correlation below -0.5 means a wrong sign."""
+    The longitudinal velocity must equal the speed of the wheels within the factor
+    MAX_SPEED_RATIO, since slip and errors of the radii are a few percent. Changes of the
+    course over CHANGE_TIME must correlate with the integral of the yaw rate. Changes of
+    the lateral velocity must correlate with the integral of accel_y - v r (on a flat
+    road). A correlation below -0.5 means a wrong sign."""
     wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
     v = wheels.to_numpy(float)
     found = []
@@ -477,11 +489,11 @@ def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) ->
 def _check_pedals(
     d: Mapping[str, np.ndarray], v: np.ndarray, radius: Mapping[str, float], mass: float | None
 ) -> list[str]:
-    """Return warnings if brake switch or wheel torques contradict the acceleration.
+    """Return warnings if brake or wheel torques contradict the acceleration.
 
-    The brake is compared with dv/dt, the force of the torques with mass x accel_x. If
-    only one axle has torques, only accelerating rows are compared, since brakes act on
-    both axles."""
+    The brake (1: on) is compared with dv/dt, the force of the torques with mass x
+    accel_x. If only one axle has torques, only accelerating rows are compared, since the
+    brakes act on both axles."""
     found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
         loses = f"off in {{:.0f}} % of the rows in which the car brakes by more than {-COASTING_LOSS:g} m/s2"
@@ -527,7 +539,9 @@ def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
 
 
 def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
-    """Return a warning if the wheel speeds of the axles, m/s, differ by over 25 %."""
+    """Return a warning if front and rear wheels differ in speed by over 25 %.
+
+    `front`, `rear`: wheel speed x radius, m/s."""
     a, b = (
         float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING_SPEED])))
         if (np.abs(x) > physics.MOVING_SPEED).any()
@@ -583,17 +597,19 @@ def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
 def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
     """Return a warning if the two wheels of one side of the car are logged as an axle.
 
-    The wheels of one side are faster than those of the other side in bends away from
-    them, slower in bends towards them: front - rear speed follows the yaw rate. With
-    correct axles, the difference has the same sign in left and right bends."""
+    In a bend, the outer wheels are faster than the inner ones. If the front channel is
+    one side of the car and the rear channel the other one, front - rear speed is thus
+    proportional to the yaw rate. With correct axles, the difference has the same sign in
+    left and right bends."""
     y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
     rows = (np.abs(front) > physics.MOVING_SPEED) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.MIN_ROWS:
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # The radii of the axles differ by wear, with the square of the speed, and with the
-    # load in bends. The yaw rate must explain the difference with and without them.
+    # Front - rear speed also changes because tyre radii differ by wear (v), and depend on
+    # the square of the speed (v^3) and on the load in bends (v |v r|). The yaw rate must
+    # explain the difference with and without these terms.
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
@@ -608,7 +624,7 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
 
 
 def _check_time(log: CheckedLog, radius: float) -> list[str]:
-    """Return a warning if the time of a slowly sampled log is wrong, e.g. a row count.
+    """Return a warning if the time of a slowly sampled log is wrong, e.g. counts rows.
 
     The integral of accel_x over the logged time must equal the change of the speed."""
     step, n = float(log.sample_time or 0.0), SLOW_ROWS
@@ -626,14 +642,14 @@ def _check_time(log: CheckedLog, radius: float) -> list[str]:
 
 
 def _list_wheel_causes(radius: float) -> list[Cause]:
-    """Return the causes of WHEEL_CAUSES for wheels of this radius, m."""
+    """Return the mistakes of WHEEL_CAUSES for wheels of this radius, m."""
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
 def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
-    """Yield combinations of CAUSES: none, each one, each pair.
+    """Yield all combinations of at most two CAUSES: none, each one, each pair.
 
-    Two causes of the same channel are a pair only if one of them is a wrong sign.
+    Two causes of the same channel form a pair only if one of them is a wrong sign.
     `ratio`: steering ratio."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
@@ -655,7 +671,7 @@ def _compute_figures(
 ) -> Figures:
     """Return the ratios of measured to expected values for the speed v, m/s.
 
-    `wheels`: assumed factor by which the wheel speeds are too large."""
+    `wheels`: assumed factor by which the logged wheel speeds are too large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -691,14 +707,14 @@ def _compute_figures(
 def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
     """Return the ratios after correction of these causes.
 
-    Causes of the wheel speeds change nothing here: _compute_figures() has already used
-    the corrected speed."""
+    Causes of the wheel speeds change nothing here: the speed that _compute_figures() got
+    is already corrected."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
-    # the ratios are proportional to accel_y / (v r), accel_x, steer_angle v / r, and
-    # wheel speed differences / r, with the yaw rate r
+    # With the yaw rate r, the ratios are proportional to accel_y / (v r), accel_x,
+    # steer_angle v / r, and (right - left wheel speed) / r.
     expected = {
         "accel_y": by["accel_y"] / by["yaw_rate"],
         "accel_x": by["accel_x"],
@@ -711,8 +727,7 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
 def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
     """Return the cost of the ratios after correction of these causes.
 
-    It is the sum of their squared logarithms, each over its variance, plus SIGN_PRICE for
-    each negative ratio."""
+    It is the sum of (ln |ratio| / sd)^2, plus SIGN_PRICE for each negative ratio."""
     left = _apply_causes(figures, causes)
     return sum(
         float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + SIGN_PRICE * (x < 0) for n, x in left.items()

@@ -1,4 +1,4 @@
-"""List the nearest signals of each missing channel, and why they were rejected."""
+"""For each missing channel, list the nearest signals, and why they were rejected."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,9 +12,9 @@ from tse.channels.wheels import MIN_WHEEL_RATE, find_quaternions, is_rolling
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
-MAX_CANDIDATES = 3  # listed for one channel
+MAX_CANDIDATES = 3  # max number of signals that are listed for one channel
 MIN_VALUES = 4  # min number of values of a signal that is compared
-# name of the kinds of units that a channel may have, for messages
+# role -> kind of unit that it needs, for messages
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -46,7 +46,7 @@ def find_nearest_candidates(
     -------
     dict of str to list of str
         For each missing channel a list of "signal: reason". If no signal has a similar
-        name or the unit of the channel, the list has one text that states this.
+        name or the unit of the channel, the list has one string that states this.
     """
     used = {n: g.channel for g in guesses for n in g.name}
     found: dict[str, list[str]] = {}
@@ -73,14 +73,15 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
             return 0.0
         return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
     named = score_name(role, c.name)
-    if named <= 0:  # a name with a word of the role and a word of a different quantity: half
+    if named <= 0:  # 0.5 for a name with a word of the role and a word of a different quantity
         named = 0.5 if any(_match_patterns(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern of the role whether the name of c matches it, but has a
-    negative score because of a word of a different quantity."""
+    """Return for each pattern of the role whether the name of c matches it in vain.
+
+    The score of the name is then negative, because of a word for a different quantity."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

@@ -3,7 +3,8 @@
 import numpy as np
 
 MIN_COUNTING_SHARE = 0.8  # [1] min share of the steps of a counter that are +1
-USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # tried before the range of the logged values
+# find_modulo() tries these moduli, and then the number of values from min to max.
+USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)
 
 
 def find_modulo(counter: np.ndarray) -> int:

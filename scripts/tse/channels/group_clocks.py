@@ -16,14 +16,15 @@ ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather"
 CORRELATION_RATE = 10.0  # [Hz] sampling rate at which signals are correlated
 CORRELATION_MEAN = 0.5  # [s] length of the moving mean of signals before the correlation
 MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
-MIN_SHARED = 0.6  # [1] min overlap of two shifted signals, over the length of the shorter one
-MIN_SHIFT_CORR = 0.8  # min correlation of two signals with the shift
-MIN_CORR_GAIN = 0.15  # min difference of this correlation to that without the shift
+# [1] min ratio of the overlap of two shifted signals to the length of the shorter one
+MIN_SHARED = 0.6
+MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals with the shift
+MIN_CORR_GAIN = 0.15  # [1] min increase of the correlation by the shift
 MAX_CORRELATED_ROWS = 1 << 16  # max number of values of a signal that are correlated: 1.8 h
 MIN_GROUP_SAMPLES = 100  # min number of values in a group
-# [s] max duration of a signal that is correlated, and max of its first time
+# [s] A signal with a longer duration, or with a later first time, is not correlated.
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
-MAX_GROUPS = 64  # a file with more groups is not aligned
+MAX_GROUPS = 64  # The groups of a file with more groups are not aligned.
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
             continue
         shift, corr = found
         off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
-        how = f"correlation {corr:.2f}; it is subtracted: key clock in signals.toml"
+        how = f"correlation {corr:.2f}; the difference is subtracted: key clock in signals.toml"
         overlap = f"does not overlap with that of {base.describe()}: {apart}. It " if apart else ""
         warnings.append(f"the clock of {g.describe()} {overlap}is {off}, found by {how}")
         shifts[g.number] = shift
@@ -133,10 +134,10 @@ def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
 
 
 def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return signals of the motion of the car, each as times and values.
+    """Return signals that describe the motion of the car: name -> (times, values).
 
-    The signal "turn" is proportional to the yaw rate, "change" to the derivative of the
-    speed, "speed" to the speed."""
+    Names: "turn", proportional to the yaw rate; "change", proportional to the derivative
+    of the speed; "speed", proportional to the speed."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
     for axle in ("rear", "front"):
@@ -183,9 +184,9 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
 
 
 def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
-    """Return the shift by which the clock of b is ahead of that of a, s, and the
-    correlation with this shift.
+    """Return how far the clock of b is ahead of that of a, s, and its correlation.
 
+    The correlation is that of a signal of a with a signal of b shifted by this time.
     None: the clocks agree, or no pair of signals correlates well enough."""
     mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
@@ -212,7 +213,7 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
     """Return the shift of max correlation, s, and the correlations with and without it.
 
-    `one`, `two`: start time and values of each signal."""
+    `one`, `two`: start time, s, and values of each signal."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
@@ -234,7 +235,7 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     bend = before - 2.0 * top + after
     # offset of the vertex of the parabola through the three values, in steps
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    # value i of a corresponds to value i + k of b
+    # sample i of a corresponds to sample i + k of b
     lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0

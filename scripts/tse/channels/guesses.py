@@ -1,5 +1,7 @@
-"""Make the guesses of a proposal: unit, sign, ratio, latency and confidence of each
-channel, with the evidence for them."""
+"""Make the guesses of a proposal, each with its evidence.
+
+A guess is a signal for a channel, with its unit, sign, ratio, latency and confidence.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,13 +17,13 @@ from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
-BY_SIZE = "by its size"  # source of a unit that neither the log nor the name gives
+BY_SIZE = "by its size"  # source of a unit that neither the log nor the name states
 # [rad] min yaw misalignment of the IMU for a warning. A smaller one causes an error of
 # about 1 % in accel_y. tselab calibrate estimates it
 MIN_MOUNTING = 0.12
-# Prior of the unit of a steering angle, for a log without enough bends for a test. Key:
-# unit; True: angle of the steering wheel, False: of the road wheels. Value: typical 97 %
-# quantile of its magnitude (the logarithm has an sd of 1); share of logs with this unit.
+# Prior of the unit of a steering angle, for a log with too few bends for a test. Key:
+# (unit; True: angle of the steering wheel, False: of the road wheels). Value: (typical
+# 97 % quantile of the magnitude, whose logarithm has an sd of 1; share of logs).
 STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
@@ -96,11 +98,12 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the signs of the motion, and whether that of the yaw rate was tested.
+    """Return the signs of the motion channels; True: the sign of the yaw rate was tested.
 
-    The sign of the yaw rate follows from the difference of right and left wheel speeds,
-    or otherwise from the course of a GNSS receiver. The sign of accel_y follows from its
-    correlation with v r, the sign of accel_x from that with dv/dt."""
+    A sign is -1 if the logged signal is positive to the right or backwards. The sign of
+    the yaw rate follows from right - left wheel speed, or otherwise from the course of a
+    GNSS receiver. The sign of accel_y follows from its correlation with v r, the sign of
+    accel_x from its correlation with dv/dt. `facts`: result of measure_slopes()."""
     turn = facts.get("track_corr", 0.0)
     if abs(turn) <= 0.7:
         turn = facts.get("course_corr", 0.0)
@@ -201,13 +204,13 @@ def _list_motion_figures(
 ) -> list[str]:
     """Return the evidence for the guess of yaw_rate, accel_y or accel_x, in words."""
     figures = []
-    what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
+    what = {"accel_y": "a_y / (v r)", "accel_x": "a_x / (dv/dt of the wheels)"}
     if role in what and role in scale.figures:
         figure = sign * abs(scale.figures[role]) if role == "accel_x" else scale.figures[role]
         figures.append(f"{what[role]}: {figure:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}")
     elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
         figures.append(
-            "correlates with v times (right less left wheels); without a yaw rate, its factor is unknown"
+            "correlates with v (right - left wheel speed); without a yaw rate, its factor is unknown"
         )
     elif role in what:
         figures.append(
@@ -216,12 +219,12 @@ def _list_motion_figures(
     if role == "yaw_rate":
         if "track" in scale.figures:
             figures.append(
-                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation "
+                f"(right - left wheel speed) / yaw rate: {scale.figures['track']:.2f} m, correlation "
                 f"{facts['track_corr']:.3f}"
             )
         if "accel_y" in scale.figures:
             figures.append(
-                f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
+                f"a_y / (v r): {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
             )
         if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
             figures.append(
@@ -241,7 +244,9 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of the steering angle. Its ratio follows from a fit over r/v."""
+    """Return the guess of the steering angle. Its ratio follows from a fit to r/v.
+
+    r: yaw rate, rad/s. v: speed, m/s. r/v is the curvature of the path."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
     unit = unit if unit_kind(unit) == "angle" else ""
@@ -266,13 +271,13 @@ def _guess_steering(
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio
     if guess.ratio is None:
         guess.figures.append(
-            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of "
-            "its variance)"
+            f"angle / (r L/v): {ratio:.2f}, so it is the angle of the road wheels (r L/v explains "
+            f"{100 * found.share:.0f} % of its variance)"
         )
     else:
         base = f"a wheelbase of {wheelbase:g} m{'' if car is not None else ' (a guess: give --vehicle)'}"
         guess.figures.append(
-            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, "
+            f"angle / (r L/v): {ratio:.1f} (sd {ratio * spread:.1f}) with {base}; r L/v explains "
             f"{100 * found.share:.0f} % of its variance"
         )
         _set_steering_ratio(guess, ratio, spread, given, warnings)
@@ -285,7 +290,7 @@ def _guess_steering(
 
 
 def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
-    """Set unit and ratio of a steering angle that cannot be tested, by its size.
+    """Set unit and ratio of a steering angle by its size, if no test is possible.
 
     `why`: reason why it cannot be tested."""
     guess.unit, wheel = _guess_by_size(x, unit)
@@ -299,12 +304,12 @@ def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float 
 def _choose_steering_unit(
     look: Look, guess: Guess, raw: float, spread: float, unit: str, given: float | None, warnings: list[str]
 ) -> float:
-    """Choose the unit of the steering angle; return its ratio to r L/v in this unit.
+    """Choose the unit of the steering angle; return the ratio of the angle to r L/v.
 
-    L: wheelbase. `raw`: ratio in units of the signal. `spread`: sd of its logarithm.
-    `unit`: unit in the log, "" if unknown. The unit is chosen for which the ratio is
-    nearest to 1 (angle of the road wheels) or to the steering ratio: `given` by the
-    vehicle file, or RATIO_PRIOR."""
+    L: wheelbase. `raw`: ratio of the angle, in the unit of the signal, to r L/v.
+    `spread`: sd of its logarithm. `unit`: unit in the log; "": unknown. In the chosen
+    unit, the ratio is nearest to 1 (angle of the road wheels) or to the steering ratio,
+    which is `given` by the vehicle file, or RATIO_PRIOR."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
     options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
@@ -314,7 +319,7 @@ def _choose_steering_unit(
     )
     name = guess.name[0]
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # with the unit in the log, the ratio is off by over 3 sd
+    if unit and off > 3.0:  # the unit in the log is not plausible: deviation above 3 sd
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
@@ -328,10 +333,11 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio to that of the vehicle file if the measured ratio agrees.
+    """Set the steering ratio to that of the vehicle file, if the measured ratio agrees.
 
-    Otherwise it is the measured one; without a vehicle file the mean of measured ratio
-    and prior."""
+    `given`: ratio in the vehicle file; None: unknown. `spread`: sd of the logarithm of
+    the measured `ratio`. If both disagree, the measured ratio is used, with a warning. If
+    `given` is None, the measured ratio is combined with the prior."""
     if given is None:  # mean of measured ratio and prior, weighted by their variances
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
@@ -346,8 +352,9 @@ def _set_steering_ratio(
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Return the most probable unit of a steering angle by its 97 % quantile, and whether
-    it is the angle of the steering wheel."""
+    """Return the most probable unit of a steering angle, by its 97 % quantile.
+
+    True: it is the angle of the steering wheel. `unit`: unit in the log; "": unknown."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
@@ -359,7 +366,9 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
 def _guess_wheels(
     look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: UnitScale
 ) -> Guess:
-    """Return the guess of an axle's wheel speed: the mean of the signals `mine`."""
+    """Return the guess of an axle's wheel speed: the mean of the signals `mine`.
+
+    `wheels`: place -> name, for all wheels."""
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -367,13 +376,13 @@ def _guess_wheels(
         a, b = (average([look.x[n] for n in part]) for part in (mine, others))
         fast = a > 0.3 * np.nanmax(a)
         if fast.any():
-            figures.append(f"{axle} over the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
+            figures.append(f"ratio to the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
     if "speed" in scale.figures:
-        figures.append(f"the log's own speed over theirs: {scale.figures['speed']:.3f}")
+        figures.append(f"ratio of logged speed to wheel speeds: {scale.figures['speed']:.3f}")
     if unit_factor(unit, "m/s") is None and "accel_y" in scale.figures:
-        figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
+        figures.append(f"a_y / (v r): {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
-        figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
+        figures.append(f"(right - left wheel speed) / yaw rate: {scale.figures['track']:.2f} m")
     if is_car_speed(wheels):
         figures.append(
             "no wheel speed is logged: the speed of the car is used for both axles, so slip and longitudinal "
@@ -463,7 +472,7 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of offsets and factors that are unusual, but may be correct."""
+    """Warn of unusual offsets and factors of accel_x, accel_y and track."""
     if v is None:
         return
     r = (
@@ -498,7 +507,7 @@ def _check_offsets(
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
-            f"right less left wheel speed over yaw rate gives a track of {scale.figures['track']:.2f} m: "
+            f"(right - left wheel speed) / yaw rate gives a track of {scale.figures['track']:.2f} m: "
             "wheel radius, unit of the wheel speeds or unit of the yaw rate is wrong"
         )
 
@@ -507,11 +516,13 @@ def _check_offsets(
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
 # [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
-# steering. From random single-track models of understeering cars with relaxation
+# steering: from simulated random understeering single-track models with relaxation length
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-MIN_STEERING_SDS = 2.0  # [sd] min latency of the steering angle that is proposed
+# [sd] min latency of the steering angle that is proposed, in sd of this latency
+MIN_STEERING_SDS = 2.0
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-MIN_LATENCY_SDS = 4.0  # [sd] min latency of the other channels that is proposed
+# [sd] min latency of the other channels that is proposed, in sd of this latency
+MIN_LATENCY_SDS = 4.0
 
 
 def find_latencies(
@@ -539,7 +550,7 @@ def find_latencies(
                 clock,
                 late,
                 sd,
-                "right less left wheels against the gyro",
+                "right - left wheel speed against the yaw rate",
             )
     if "steer_angle" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
@@ -547,10 +558,10 @@ def find_latencies(
     if "accel_y" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
         slope = physics.differentiate(r)
-        # The lateral velocity adds (c0 + c2 v^2) r' to accel_y. _find_accel_lag() fits
-        # this term, so that it is not taken for a latency.
+        # The lateral velocity contributes (c0 + c2 v^2) r' to accel_y. _find_accel_lag()
+        # fits c0 and c2, so that this contribution is not taken for a latency.
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        how = "a_y against v r, without the lateral velocity"
+        how = "a_y against v r, without the effect of the lateral velocity"
         _set_latency(look, found["accel_y"], clock, late, sd, how)
 
 
@@ -560,9 +571,9 @@ def _set_steering_latency(
     """Set the latency of the steering angle, if the yaw rate follows it too soon.
 
     The yaw rate of a car lags the angle of its road wheels by YAW_LAG. If it lags the
-    logged angle by less, or leads it, the logged angle is late. A latency within the
-    spread of cars (YAW_LAG_SD) can only be found by a fit of the whole car: tselab
-    calibrate."""
+    logged angle by less, or leads it, the logged angle has a latency. If the difference
+    is within the spread of cars (YAW_LAG_SD), the latency can only be found by a fit of
+    the whole car: tselab calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -597,10 +608,11 @@ def _find_accel_lag(
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
-    """Set the latency of a guess to `late`, if it is significant, and add the evidence.
+    """Set the latency of a guess to `late`, s, if it is significant; add the evidence.
 
-    `clock`: name of the yaw rate. If both have the same time stamps, the latency must be
-    twice as large. `how`: what was compared."""
+    `sd`: sd of `late`, s. `clock`: name of the yaw rate, from which latencies count. If
+    both signals have the same time stamps, the min latency is doubled. `how`: signals
+    compared."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

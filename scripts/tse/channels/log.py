@@ -1,6 +1,6 @@
 """Read a log: a CSV with the library's column names, a data frame, or any other format.
 
-readers.py lists the formats. tse.log.rows checks the rows.
+tse.readers.readers lists the formats. tse.log.rows checks the rows.
 """
 
 import re
@@ -51,7 +51,8 @@ from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# channels that identify a log with the library's names: the angle and one of both speeds
+# A log has the library's channel names if it has the first of these channels and at least
+# one of the wheel speeds.
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -63,9 +64,10 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     path : Path
         The file.
     spare : collection of str
-        Channels that may be missing. A missing one is NaN, and a note states this.
+        Channels that may be missing. The column of a missing channel is NaN, and a note
+        states that it is missing.
     reading : Reading, optional
-        Options of reading, and the car.
+        Options of reading. Its member `car` is the car, or None.
 
     Raises
     ------
@@ -83,10 +85,11 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 
 
 def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
-    """Return the log with a substituted wheel speed scaled to the radii of this car.
+    """Scale a substituted wheel speed to the wheel radii of this car; return the log.
 
-    If the wheel speeds of an axle are missing, those of the other axle replace them. They
-    differ by the ratio of the radii."""
+    If the wheel speed of one axle is missing in the log, that of the other axle is used
+    for both. The speed of the car is wheel speed x wheel radius, so the substitute is
+    multiplied by the ratio of the radii."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -98,8 +101,9 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    If options or a signals.toml next to it assign its columns, the answer is no, so that
-    read_any() reads it."""
+    The result is False, so that read_any() reads the file, if options or a signals.toml
+    next to the file assign its columns, if its times are dates or times of day, or if its
+    decimals are written with a comma."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -160,15 +164,16 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
-    """Make a checked log of columns in memory: a data frame, or arrays by name.
+    """Make a checked log from columns in memory: a data frame, or a dict of arrays.
 
     Parameters
     ----------
     frame : mapping of str to array, or DataFrame
-        The columns. Times may also be dates, times of day or time differences. The index
-        of a data frame may hold the times.
+        The columns, by the library's names. Column `time` is in s, or holds dates, times
+        of day or time differences. If a data frame has no column `time`, its index may
+        hold the times.
     name : str
-        Name of the log in messages. They count rows from 0.
+        Name of the log in messages. Messages count rows from 0.
 
     Raises
     ------
@@ -216,7 +221,7 @@ def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> l
     needed = [c for wanted in list_columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = (
-            "; the columns of both its wheels, left and right, may replace that of an axle"
+            "; instead of the column of an axle, those of its left and right wheel may be given"
             if any(c in SIDES for c in missing)
             else ""
         )
@@ -267,7 +272,7 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
         if isinstance(next(iter(series), None), str | datetime | timedelta):
             return convert_to_seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
-        # a conversion to numbers would return nanoseconds
+        # refuse dates and durations: np.array(values, float) would return nanoseconds
         raise TypeError("times cannot be a measurement")
     return (
         np.ma.filled(np.ma.asarray(values, float), np.nan)
@@ -282,10 +287,10 @@ def _is_optional(column: str) -> bool:
 
 
 def _read_head(path: Path) -> tuple[list[str], int | None]:
-    """Return the first two lines of a log, and the number of complete rows.
+    """Return the first two lines of a log, and the number of its complete rows.
 
-    If the last line has no line break, it is incomplete: the writer may have stopped
-    inside a number. If all rows are complete, the number is None."""
+    The number is None if the file ends with a line break: all rows are then complete. If
+    it does not, the last row is not counted: the writer may have stopped in it."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
@@ -324,7 +329,7 @@ def _describe_missing(path: Path, header: list[str], missing: list[str], needed:
         if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
             text += f"; names are lower case: {', '.join(close)}"
     text += (
-        "; the columns of both its wheels, left and right, may replace that of an axle"
+        "; instead of the column of an axle, those of its left and right wheel may be given"
         if any(c in SIDES for c in missing)
         else ""
     )
@@ -336,9 +341,9 @@ def _read_numbers(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Read the columns of a CSV as numbers.
 
-    In a needed column, a few cells that are not numeric become NaN, with a note. More
-    than the share MAX_OUTSIDE of them are an error. An optional column with such a cell
-    is left out. Rows without any needed value are dropped.
+    In a needed column, cells that are not numeric become NaN, with a note. If their share
+    exceeds MAX_OUTSIDE, an error is raised. An optional column with a cell that is not
+    numeric is left out. Rows without any value in a needed column are dropped.
 
     Parameters
     ----------
@@ -394,7 +399,7 @@ def _read_numbers(
 def _convert_cells(
     path: Path, header: list[str], table: pd.DataFrame, line: np.ndarray, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the columns of a CSV as numbers, and the names of those left out."""
+    """Return the columns of a CSV as numbers, and the names of the columns left out."""
     columns: dict[str, np.ndarray] = {}
     skipped = []
     for name in (c for c in header if c in needed or _is_optional(c)):
@@ -440,7 +445,7 @@ def convert_to_numbers(column: pd.Series) -> pd.Series:
     """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
-    except OverflowError:  # a column with strings has an integer beyond the range of a float
+    except OverflowError:  # the column has strings, and an integer beyond the range of a float
         return pd.Series([_convert_cell(cell) for cell in column], column.index, float)
 
 
@@ -476,7 +481,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
-        recording = read_recording(path, how)  # with all names, for the error message
+        recording = read_recording(path, how)  # all signals: the error message lists their names
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):
@@ -506,7 +511,9 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """Use vehicle_speed if all wheel speeds are missing. Slip is then unknown."""
+    """If all wheel speeds are missing, set that of the front axle from vehicle_speed.
+
+    It is vehicle_speed / wheel radius. Slip is then unknown."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -522,7 +529,10 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
 
 
 def map_own_names(recording: Recording) -> SignalsFile | None:
-    """Return the signals of a log with the library's channel names; None: other names."""
+    """Assign to each channel the signal of the same name, for a log with such names.
+
+    None: the log does not have the steering angle and at least one wheel speed under the
+    names of the channels."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
@@ -538,9 +548,11 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
 def _join_slow_channels(
     native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
 ) -> dict[str, SlowChannel]:
-    """Return the entries of channels that are slower than the rows.
+    """Return the original entries of the channels that are slower than the rows.
 
-    `native`: times, values and rate of each. Two wheels of an axle are averaged."""
+    An entry is a value with its time. `native`: channel -> times of its entries, s,
+    values, and rate of the entries, Hz. `rate`: rate of the rows, Hz. If both wheels of
+    an axle are slower than the rows, their mean is returned as the speed of the axle."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

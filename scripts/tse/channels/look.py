@@ -1,6 +1,6 @@
-"""Prepare a log for the search of its channels (Look), and describe what is found.
+"""Prepare a log for the search for its channels (class Look), and describe the result.
 
-Guess is a signal proposed for one channel. Proposal holds all guesses of a log.
+A Guess is the signal proposed for one channel. A Proposal has all guesses for a log.
 """
 
 from __future__ import annotations
@@ -32,13 +32,14 @@ ROLE_KINDS = {
     "speed": ("speed",),
 }
 WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
-MAX_LOOK_TIME = 1500.0  # [s] length of the first part of a log, which alone is compared
+MAX_LOOK_TIME = 1500.0  # [s] Only this first part of a log is used to find the channels.
+# Some buses send a quantity as magnitude, and its sign as a separate bit.
 MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign bit
 MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
-# [1] Min share of rows in which a sign bit is 1 and the magnitude above half its mean.
-# Bends to this side have such rows. A flag for standstill has none.
+# [1] Min share of rows in which a sign bit is 1 and the magnitude is above half its mean.
+# Bends to one side have such rows. A flag for standstill has none.
 MIN_SIGN_SHARE = 0.02
-# [1] max ratio of the median magnitude at the changes of its sign bit to its mean
+# [1] max ratio of a magnitude at the changes of its sign bit (median) to its mean
 MAX_AT_ZERO = 0.2
 # max number of different values of a status; a signal with more is a measured quantity
 MAX_STATES = 32
@@ -56,28 +57,29 @@ class Guess:
     unit: str
     unit_from: str  # source of the unit, in words
     sign: float = 1.0  # -1: the signal is positive to the right or backwards
-    ratio: float | None = None  # steering ratio by which the angle is divided
-    latency: float = 0.0  # s
-    clock: float = 0.0  # s by which the clock of its group is ahead of the other clocks
-    above: float | None = None  # brake pressure above which the car brakes
+    ratio: float | None = None  # steering ratio, by which the angle is divided
+    latency: float = 0.0  # [s] delay from the measurement to its time in the log
+    clock: float = 0.0  # [s] time by which the clock of the signal is ahead of the other clocks
+    above: float | None = None  # brake pressure above which the car brakes, in `unit`
     sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
-    add: str | None = None  # name of the signal with the fine part, which is added
+    add: str | None = None  # name of the signal with the fine part of the value, which is added
     # name of the validity flag, and its value if the signal is valid
     valid: tuple[str, float] | None = None
     counter: tuple[str, int] | None = None  # name of the counter of its message, and its modulo
-    unsure: list[str] = field(default_factory=list)  # what was not tested: its sign, unit, ...
+    # what was guessed, but not tested: sign, unit, ...
+    unsure: list[str] = field(default_factory=list)
     confidence: str = "unsure"  # sure, likely, unsure
     figures: list[str] = field(default_factory=list)  # evidence for the guess, in words
 
 
 @dataclass
 class Proposal:
-    """Guesses in the order of the library's channels, warnings, channels not found."""
+    """Guesses in the order of the library's channels, warnings, missing channels."""
 
     guesses: list[Guess]
     warnings: list[str]
     missing: list[str]
-    # for each missing channel: the nearest signals, and why each was rejected
+    # missing channel -> its nearest signals, each with the reason of its rejection
     nearest: dict[str, list[str]] = field(default_factory=dict)
 
     def __getitem__(self, channel: str) -> Guess | None:
@@ -158,9 +160,9 @@ class Look:
         flags = find_flags(recording)
         for c in recording:
             time, value = clocks.straighten(c)
-            # copy only this part of a long log
+            # of a long log, copy only the first part
             rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
-            # if entries were dropped, rows of flag and value differ: do not use the flag
+            # do not use a flag if entries of `value` were dropped: its rows differ
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
@@ -189,9 +191,9 @@ class Look:
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
-        """Return the name; without a final "status" if the signal has many values.
+        """Return the name of a signal, without a final "status" if it is not a status.
 
-        A signal with more than MAX_STATES values is no status, in spite of its name."""
+        A signal with more than MAX_STATES values is not a status, whatever its name."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
             many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
@@ -235,9 +237,10 @@ MAX_FLAG_VALUES = 8  # max number of different values of a flag
 MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for valid
 MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
 CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
-COARSE_STEP = 0.02  # [1] min ratio of the step of a coarsely sent value to its max
-# [1] max ratio of the roughness (mean abs. second difference) of the sum of coarse value
-# and fine part to that of the coarse value
+# [1] min ratio of the step of a signal to its max value, for a search for a fine part
+COARSE_STEP = 0.02
+# [1] max ratio of two roughnesses: that of coarse value plus fine part, and that of the
+# coarse value alone. Roughness is the mean abs. second difference.
 MAX_FILLED = 0.35
 
 # (message, number of entries) -> flags, each with its value for valid
@@ -349,10 +352,11 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 
 
 def _find_valid_value(c: Channel) -> float | None:
-    """Return the value of a flag for valid; None: unknown, or the signal is no flag.
+    """Return the value of a flag that means valid; None: unknown, or not a flag.
 
-    If the database names bad states, it is the only other state in the log. Otherwise it
-    is the value of at least MIN_VALID_SHARE of the rows, but not of all."""
+    If the database names states of the flag, and some names describe a bad state, it is
+    the only other state in the log. Otherwise it is the value in at least MIN_VALID_SHARE
+    of the rows, if there is a different value in other rows."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
@@ -377,9 +381,9 @@ def _count_modulo(c: Channel) -> int:
 
 
 def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
-    """Find the signal with the fine part of a coarse value, and add it to the guess.
+    """Find the signal with the fine part of a coarsely sent value; add it to the guess.
 
-    Its sum with the coarse value must be smoother, by MAX_FILLED."""
+    The sum of both must be smoother than the coarse value alone, by MAX_FILLED."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):
@@ -392,15 +396,15 @@ def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
             g.figures.append(
-                f"in steps of {step:g} {g.unit}: {c.name} is the part between them; the sum is "
-                f"{smoother:.0f} times as smooth"
+                f"sent in steps of {step:g} {g.unit}: {c.name} has the value between the steps; the sum "
+                f"is {smoother:.0f} times as smooth"
             )
             return
-    g.figures.append(f"in steps of {step:g} {g.unit}")
+    g.figures.append(f"sent in steps of {step:g} {g.unit}")
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the distance of the values of a signal; 0: they are not equidistant."""
+    """Return the distance between the values of a signal; 0: they are not equidistant."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0
@@ -410,7 +414,7 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def warn_of_counting_wheels(recording: Recording) -> list[str]:
-    """Return a warning if signals are tick counters of wheels: they only increase."""
+    """Return a warning if signals are tick counters of wheels, which only increase."""
     found = [
         c.name
         for c in recording
@@ -423,5 +427,5 @@ def warn_of_counting_wheels(recording: Recording) -> list[str]:
         return []
     return [
         f"{', '.join(found[:4])} count up: tick counters of wheels are not read; convert them to speeds "
-        "(ticks per row over ticks per turn, times 2 pi over the time between rows)"
+        "(2 pi x ticks per row / (ticks per turn x time between rows))"
     ]

@@ -25,7 +25,7 @@ MAX_LOST = 0.5
 
 @dataclass(frozen=True)
 class Series:
-    """A channel of the library, or one wheel of an axle, at its own times."""
+    """A channel of the library, or one wheel of an axle, with its own times."""
 
     channel: str
     time: np.ndarray  # s
@@ -39,7 +39,9 @@ class Clocks:
     """Corrected times of a recording. Channels with the same times share the result."""
 
     notes: list[str] = field(default_factory=list)
+    # id of the logged times -> logged times, corrected times, mask of the kept entries
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+    # (id of times, latency) -> times less latency
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +55,7 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """Return `time` less the latency, the same array for the same arguments."""
+        """Return `time` less the latency. Equal arguments return the same array."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
@@ -64,7 +66,9 @@ class Clocks:
 def map_signals(
     recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], max_lost: float = MAX_LOST
 ) -> dict[str, Series]:
-    """Return all channels that signals.toml assigns. Wheels of an axle are separate.
+    """Return all channels that signals.toml assigns: channel -> its series.
+
+    If an axle has two signals, the keys are its left and its right wheel.
 
     Parameters
     ----------
@@ -213,7 +217,7 @@ def _drop_invalid(
     notes: list[str],
     max_lost: float,
 ) -> None:
-    """Set the values to NaN that a flag marks as invalid."""
+    """Set to NaN the values that a flag marks as invalid."""
     state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
@@ -241,7 +245,9 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    """Set values to NaN whose message counter repeats; append a note on lost messages."""
+    """Set to NaN the values of repeated messages; append a note on lost messages.
+
+    A message is a repetition if its counter equals that of the message before."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)

@@ -1,8 +1,9 @@
 """Kinematic relations between the channels of a car, for guesses and for checks.
 
-a_y = v r; a_x = dv/dt; difference of the wheel speeds of an axle = track r; steering
-angle and curvature r/v (v: speed, r: yaw rate). They identify signals without their
-names. Arrays are (rows,) on one uniform raster of COMPARISON_RATE. NaN: missing.
+With speed v and yaw rate r: a_y = v r; a_x = dv/dt; right - left wheel speed of an axle =
+track x r; steering angle = steering ratio x wheelbase x r/v, plus understeer. These
+relations identify signals regardless of their names. All arrays are (rows,) on one raster
+of COMPARISON_RATE. NaN: missing.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ COMPARISON_RATE = 20.0  # [Hz] sampling rate of the raster on which channels are
 MEAN_TIME = 0.4  # [s] length of the moving mean of channels before a comparison
 MOVING_SPEED = 5.0  # [m/s] slower rows are not compared
 MIN_ROWS = 200  # min number of rows with both signals for a comparison
-USUAL_TRACK = 1.53  # [m] mean track of cars; they have 1.3 .. 1.7
+USUAL_TRACK = 1.53  # [m] mean track of passenger cars; the range is 1.3 .. 1.7
 USUAL_TRACK_SD = 0.08  # [1] sd of the logarithm of the track
 
 
@@ -76,11 +77,12 @@ def differentiate(x: np.ndarray) -> np.ndarray:
 class Steering:
     """Model of the steering angle: per_curvature (r/v) (1 + understeer v^2) + offset."""
 
-    per_curvature: float  # wheelbase x steering ratio, m
-    sd: float  # sd of the logarithm of per_curvature
-    understeer: float  # s2/m2
+    # [m] wheelbase x steering ratio; negative if the signs of angle and r differ
+    per_curvature: float
+    sd: float  # [1] sd of the logarithm of |per_curvature|
+    understeer: float  # [s2/m2]
     offset: float  # unit of the angle
-    share: float  # share of the variance of the angle that the model explains
+    share: float  # [1] share of the variance of the angle that the model explains
 
 
 # [s2/m2] mean and sd of 1/(characteristic speed)^2; passenger cars have 18 .. 35 m/s
@@ -114,8 +116,7 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
     terms = np.array([np.ones(len(grid)), grid])
     spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
-    # c + k (c v2) is constant: at the speed of the log, this understeer cancels the
-    # curvature. Such values of the grid are excluded.
+    # exclude values k with which c + k (c v2) is constant: -1 / v2 in a log at one speed
     flat = spread < 1e-24
     slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
     shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)
@@ -130,9 +131,9 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
     # Noise of the curvature biases the slope towards 0. The true slope is between that of
-    # this regression and that of the inverse one, slope / share. Their geometric mean is
-    # returned, as in fit(). The sd is increased by that of a uniform distribution between
-    # both slopes.
+    # this regression and that of the inverse regression, slope / share. Their geometric
+    # mean is returned, as in fit(). The sd includes that of a uniform distribution
+    # between both slopes.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
@@ -143,10 +144,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
 def find_lag(
     x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()
 ) -> tuple[float, float]:
-    """Return the lag of y behind x, and its sd, s; (0, inf) if too few rows move.
+    """Return the lag of y behind x, and its sd, s; (0, inf): it cannot be determined.
 
-    Least-squares fit of y = a (x - lag x') + b more + c in the rows `keep`, where x' is
-    the derivative of x."""
+    It is a least-squares fit of y = a (x - lag x') + b more + c to the rows `keep`. x':
+    derivative of x. `more`: further regressors."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)

@@ -1,4 +1,4 @@
-"""Propose signals.toml for a log, and format the proposal as text, table and TOML."""
+"""Propose a signals.toml for a log, and format the proposal as text, table or TOML."""
 
 import json
 from dataclasses import dataclass
@@ -27,21 +27,21 @@ class Line:
 
     name: str
     unit: str
-    rate: float  # new values per second, Hz
+    rate: float  # [Hz] new values per second
     low: float  # min value
     high: float  # max value
-    missing: float  # share of missing values
-    used: str  # channel for which it is proposed, or ""
+    missing: float  # [1] share of missing values
+    used: str  # channel for which the signal is proposed; "": none
 
 
 def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
-    """Return a line per signal, in the order of the file."""
+    """Return a Line for each signal, in the order of the file."""
     used = {n: g.channel for g in proposal.guesses for n in g.name}
     return [_describe_signal(c, used.get(c.name, "")) for c in recording]
 
 
 def _describe_signal(c: Channel, used: str) -> Line:
-    """Return the line of a signal. `used`: the channel for which it is proposed."""
+    """Return the Line of a signal. `used`: the channel for which it is proposed."""
     there = np.isfinite(c.value)
     time, keep, _ = straighten_time(c.time)
     rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
@@ -70,9 +70,7 @@ def format_headline(g: Guess) -> str:
 def format_signals(
     recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
 ) -> str:
-    """Return the proposal as text of a signals.toml, with the evidence as comments.
-
-    `how`: options with which the log was read. `folder`: folder of the signals.toml."""
+    """Return the proposal as a signals.toml, with the evidence as comments."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with its evidence. "
         "Check and correct them."
@@ -149,7 +147,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 #
 # The score of a signal for a role is the sum of three scores: of its name
 # (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
-# The other channels are the best candidates of the last pass: several are made.
+# The other channels are the best candidates of the pass before, of at most ROLE_PASSES.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3
@@ -179,7 +177,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     for g in guesses:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
-            g.figures.append(f"its sign is the bit {g.sign_bit}, which changes where it is about 0")
+            g.figures.append(f"its sign is the bit {g.sign_bit}, which changes while its value is about 0")
     raw = compute_speed(look, wheels)
     v = None if raw is None else raw * scale.per["wheel"]
     guesses += find_velocities(look, guesses, v, recording.format)

@@ -1,7 +1,8 @@
 """Resample channels with their own times to common rows.
 
-Channels that are faster than the rows are low-passed. Repeated values of a bus that holds
-its last value are removed before interpolation. Gaps are not filled.
+An entry is a value of a channel with its time. Channels that are faster than the rows are
+low-passed. If a bus repeats the last value of a slow sensor, the repetitions are removed
+before interpolation. Gaps are not filled.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,21 +21,23 @@ from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 # rate. Faster signals of a bus mostly repeat their values.
 MAX_DEFAULT_RATE = 100.0
 MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
-# Steps longer than GAP_STEPS median steps are gaps. [s] min and max of this limit
+# A step between entries is a gap if it exceeds GAP_STEPS median steps of the channel.
+# This limit is at least MIN_GAP, s. It is at most MAX_GAP, s, or 2.5 median steps if
+# these are longer.
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
-# [median steps] Entries with a shorter step are a burst of the bus and are averaged.
+# [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
-EVEN_STEP = 0.01  # [steps] max deviation of times that count as equidistant
-PASS_BAND = 0.45  # [1] cut-off of the low pass over the rate of the rows
+EVEN_STEP = 0.01  # [steps] Times are equidistant if they deviate by less than this.
+PASS_BAND = 0.45  # [1] cut-off frequency of the low pass / rate of the rows
 PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
-# [1] ratio of the rates of channel and rows above which a cubic through four entries is
-# used instead of the spline
+# [1] If the rate of a low-passed channel exceeds this times the rate of the rows, a cubic
+# through four entries is used instead of the spline.
 DENSE_RATIO = 4.0
-# [1] Min share of rows in which a column of a table has a value. Below it, the column has
-# a different rate.
+# [1] min share of the rows in which a column of a table has a value. A column with a
+# lower share may have its own rate, and is checked for it.
 MIN_FILLED = 0.8
-# [entries] distance over which a value of a cubic spline depends on an entry: the
-# influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
+# [entries] A value of a cubic spline depends only on the entries within this distance:
+# their influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
 SPLINE_REACH = 600
 
 
@@ -46,12 +49,12 @@ class RasterRows:
     value: dict[str, np.ndarray]  # channel -> values, (rows,); NaN: missing
     rate: float  # rate of the rows, Hz
     notes: list[str] = field(default_factory=list)
-    # channel that is slower than the rows -> its own times, values and rate, Hz
+    # channel that is slower than the rows -> times of its entries, values, and rate, Hz
     native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
 
 def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of new entries.
+    """Return times and values of the entries that are new measurements.
 
     Missing and repeated (held) values are left out. Entries of a burst are averaged."""
     there = np.isfinite(s.value)
@@ -86,8 +89,9 @@ def resample_channels(
     found : mapping of str to Series
         The channels.
     rate : float or None
-        Rate of the rows, Hz. None: that of the fastest channel, at most MAX_DEFAULT_RATE,
-        or the rows of a table if its columns have the same times and few missing values.
+        Rate of the rows, Hz. None: if the channels are columns of a table with the same
+        times and few missing values, its rows are kept. Otherwise, the rate is that of
+        the fastest channel, at most MAX_DEFAULT_RATE.
     path : Path, optional
         The file, for messages. None: the number of rows is not limited.
 
@@ -112,10 +116,10 @@ def resample_channels(
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        if name in VELOCITY_COLUMNS:  # the filter uses each measurement once: neither interpolate nor hold
+        if name in VELOCITY_COLUMNS:  # the filter needs each measurement once: neither interpolated nor held
             rows.value[name] = _place_entries(t, x, time)
         else:
-            held = s.hold or name == "brake"  # a switch is not interpolated
+            held = s.hold or name == "brake"  # the brake is a switch: do not interpolate it
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
@@ -134,7 +138,7 @@ def is_core(name: str) -> bool:
 
 
 def choose_rate(rates: Sequence[float]) -> float:
-    """Return the default rate of rows, Hz, from the rates of the is_core() channels."""
+    """Return the default rate of the rows, Hz. `rates`: of the is_core() channels."""
     rate = min(max((r for r in rates if r >= MIN_OWN_RATE), default=10.0), MAX_DEFAULT_RATE)
     return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
 
@@ -161,7 +165,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     if not len(t):
         return out
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    usual = usual or 1.0 / rate  # 0 if times are so large that their steps are rounded to 0
+    usual = usual or 1.0 / rate  # the median is 0 if times are so large that steps round to 0
     cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > find_longest_gap(usual)), len(t)))
     margin = 0.5 * usual
     for first, last in pairwise(cuts):
@@ -174,7 +178,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
             part, value = _filter_low_pass(part, value, usual, rate)
             if len(part) > 3 and 1.0 / usual > DENSE_RATIO * rate:
                 between = _interpolate_cubic
-        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows of CHUNK_ROWS entries
+        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows that need CHUNK_ROWS entries
         for begin in range(rows.start, rows.stop, count):
             piece = slice(begin, min(begin + count, rows.stop))
             out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
@@ -182,7 +186,9 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
 
 
 def find_longest_gap(usual: float) -> float:
-    """Return the max step that is interpolated, s. `usual`: median step, s."""
+    """Return the longest step between entries that is interpolated, s.
+
+    `usual`: median step, s."""
     return min(max(GAP_STEPS * usual, MIN_GAP), max(MAX_GAP, 2.5 * usual))
 
 
@@ -196,7 +202,7 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
     first, last = np.searchsorted(t, at[[0, -1]])
     part = slice(max(0, min(int(first) - SPLINE_REACH, len(t) - 4)), int(last) + SPLINE_REACH)
     own, value = t[part], x[part]
-    if not (np.diff(own) > 0).all():  # times so large that their steps are rounded to 0
+    if not (np.diff(own) > 0).all():  # times are so large that some steps round to 0
         new = np.append(True, np.diff(np.maximum.accumulate(own)) > 0)
         own, value = own[new], value[new]
         if len(own) < 4:
@@ -205,14 +211,15 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
 
     try:
         return CubicSpline(own, value)(at)
-    except ValueError:  # values so large that their differences overflow
+    except ValueError:  # values are so large that their differences overflow
         return np.interp(at, own, value)
 
 
 def _interpolate_cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Interpolate at each time by the cubic through the four nearest entries.
 
-    The entries (t, x) are equidistant. If dense, it is as accurate as a spline."""
+    The entries (t, x) are equidistant. If they are dense (DENSE_RATIO), the result is as
+    accurate as that of a spline."""
     s = (at - t[0]) * ((len(t) - 1) / (t[-1] - t[0]))
     i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
     s -= i
@@ -240,7 +247,7 @@ def _filter_low_pass(
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, CHUNK_ROWS):
         part = longer[begin : begin + CHUNK_ROWS + 2 * half]
-        # wrap-around of the FFT affects only the first 2 * half values: left out below
+        # drop the first 2 * half values: the FFT wraps around
         size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
@@ -273,15 +280,16 @@ def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray
 
 
 def _find_axle(name: str) -> str:
-    """Return the channel of the axle to which a wheel belongs; other names unchanged."""
+    """Return the axle channel to which a wheel channel belongs; other names unchanged."""
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
 
 def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows | None:
-    """Return the columns of a table without resampling; None if they need it.
+    """Return the rows of a table as they are; None: its columns must be resampled.
 
-    They do not if they have the same times, no latency, few missing values, the wanted
-    rate, and are not much faster than MAX_DEFAULT_RATE."""
+    The rows are kept if all columns have the same times, no latency, no held values and
+    few missing values, and if their rate is the wanted one. If no rate is wanted, it may
+    be at most 1.5 MAX_DEFAULT_RATE."""
     first = next(iter(found.values()), None)
     if first is None or len(first.time) < 2 or any(s.hold or s.latency for s in found.values()):
         return None
@@ -310,9 +318,10 @@ def _make_times(
 ) -> np.ndarray:
     """Return the times of the rows, s.
 
-    The rows cover the time in which all inputs of the model are present, or if
-    there is none, the time of any channel. They are in phase with the gyro, or otherwise
-    with a different channel of the same rate."""
+    The rows cover the interval in which all inputs of the model are present. If there is
+    no such interval, they cover that in which any channel is present. They are in phase
+    with the yaw rate if it has the rate of the rows, otherwise with a different channel
+    of this rate."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
@@ -335,7 +344,7 @@ def start_on_beat(
     Parameters
     ----------
     times : mapping of str to ndarray, (entries,)
-        Times of the channels in is_core(), s.
+        Times, s, of the channels for which is_core() is True.
     rates : mapping of str to float
         Rates of these channels, Hz.
     rate : float
@@ -350,7 +359,7 @@ def start_on_beat(
 
 
 def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
-    """Add notes on the rates of the channels and their latencies."""
+    """Append notes on the rates and latencies of the channels to `rows`."""
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():
         parts.setdefault(round(r), []).append(n)

@@ -30,19 +30,18 @@ UNIT_OPTIONS = {
     "accel_x": ("m/s2", "g"),
     "steer_angle": ("deg", "rad"),
 }
-# [m] wheel radius of passenger cars, and [1] sd of its logarithm: if no car is given
+# [m] wheel radius of passenger cars, and [1] sd of its logarithm, used if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
-USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars: if no car is given
-# Costs of units, in squared sd
-LOG_UNIT_COST = 6.0  # of a unit that contradicts the log
-NAME_UNIT_COST = 3.0  # of a unit that contradicts the end of the name
-OTHER_UNIT_COST = 0.5  # of a unit other than the first option, if log and name state none
+USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
+LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
+NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
+OTHER_UNIT_COST = 0.5  # cost of any but the first of UNIT_OPTIONS, if log and name state no unit
 MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
 # Cost per sd of the deviation from a kinematic relation, without limit. If all
 # combinations of units are implausible, it prefers the nearest one.
 FAR_COST = 0.1
-MOTION_COST = 25.0  # of a unit with which the motion exceeds MAX_MOTION
-# [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars; wheel: wheel speed x radius
+MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
+# [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars. wheel: wheel speed x radius.
 MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
@@ -50,15 +49,15 @@ MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 class UnitScale:
     """Units of all channels, and the ratios of measured values from which they follow."""
 
-    unit: dict[str, str]  # units of wheel, yaw_rate, accel_y, accel_x
-    per: dict[str, float]  # factors from these units to SI; of wheel to m/s
-    # accel_y: a_y over v r. accel_x: a_x over dv/dt. track: difference of the wheel
-    # speeds over yaw rate, m. speed: ground speed in the log over v
+    unit: dict[str, str]  # role (wheel, yaw_rate, accel_y, accel_x) -> unit
+    per: dict[str, float]  # role -> factor from this unit to SI; for wheel to m/s
+    # Ratios. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt). "track": (right - left
+    # wheel speed) / yaw rate, m. "speed": logged ground speed / v.
     figures: dict[str, float]
 
 
 def _get_radius(car: Any | None) -> float:
-    """Return the radius of the front wheels, m; without a car the usual one."""
+    """Return the radius of the front wheels, m; without a car USUAL_RADIUS."""
     return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
@@ -67,7 +66,7 @@ def find_units(
 ) -> UnitScale:
     """Return the combination of units that agrees best with physics, log and names.
 
-    A unit that contradicts the log is reported in `warnings`."""
+    If it contradicts a unit in the log, a warning is appended to `warnings`."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
     if is_car_speed(wheels):
@@ -113,7 +112,7 @@ def find_units(
 def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[str, float]]:
     """Return the possible units of a signal, each with its cost.
 
-    `is_speed`: the signal is the speed of the car, used instead of wheel speeds."""
+    `is_speed`: the signal is the speed of the car, which replaces the wheel speeds."""
     kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
     said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
     said = said if unit_kind(said) in kinds else ""
@@ -141,7 +140,7 @@ def is_same_unit(a: str, b: str, role: str) -> bool:
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
-    """Return the factor from a unit to SI; of wheel speeds to m/s."""
+    """Return the factor from a unit to SI; for wheel speeds to m/s."""
     if role == "wheel":
         return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
@@ -152,8 +151,9 @@ def measure_slopes(
 ) -> dict[str, float]:
     """Fit the kinematic relations to the signals as logged.
 
-    Return slopes ("accel_y": of a_y over v r, ...) and correlations ("accel_y_corr",
-    ...). A slope with a low correlation is left out. `v`: speed in any unit."""
+    Return a dict with slopes ("accel_y": a_y / (v r), ..., as in UnitScale.figures) and
+    their correlations ("accel_y_corr", ...). A slope with a low correlation is left out.
+    "top": 99 % quantile of |v|. `v`: speed in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -186,10 +186,10 @@ def measure_slopes(
 
 
 def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
-    """Return the correlation of the yaw rate with the change of the GNSS course.
+    """Return the correlation of the yaw rate with the rate of the GNSS course.
 
-    The course is in degrees, clockwise from north; its sign is changed. Result > 0: the
-    yaw rate is positive to the left. < 0: to the right. 0: there is no course."""
+    The course is clockwise from north, so its sign is changed. Result > 0: the yaw rate
+    is positive to the left. < 0: to the right. 0: there is no course."""
     named = [
         n
         for n in look.raw
@@ -214,7 +214,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return a speed over ground that is independent of the wheels, m/s; None: none.
 
-    A speed of a GNSS receiver is preferred. Without any speed, it is computed from
+    A speed of a GNSS receiver is preferred. Without any, it is computed from
     positions."""
     named = [
         n

@@ -24,12 +24,12 @@ SIGNAL_KEYS = (
 NUMBER_RANGES = {  # key -> min, max, unit
     "scale": (-1e9, 1e9, ""),  # factor that is applied in addition to that of the unit
     "offset": (-1e6, 1e6, ""),  # subtracted from the signal, in its unit
-    "radius": (0.05, 5.0, "m"),  # of the wheel, to convert a speed to rad/s
+    "radius": (0.05, 5.0, "m"),  # radius of the wheel, to convert a speed to rad/s
     # pressure above which the car brakes, in the unit of the signal
     "above": (-1e6, 1e6, ""),
     # delay from a measurement to its time in the log
     "latency": (-MAX_SIGNAL_LATENCY, MAX_SIGNAL_LATENCY, "s"),
-    # time by which the clock of its group is ahead of the other clocks
+    # time by which the clock of the signal is ahead of the other clocks of the log
     "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
 MIN_RATIO, MAX_RATIO = 0.5, 100.0  # range of the steering ratio
@@ -57,20 +57,20 @@ class SignalSource:
 
     channel: str
     name: tuple[str, ...]  # name of the signal, or names of left and right wheel
-    unit: str | None = None  # None: that in the log
+    unit: str | None = None  # None: the unit in the log
     sign: float = 1.0
     sign_bit: str | None = None  # name of a signal that is 1 if the value is negative
     scale: float = 1.0
     offset: float = 0.0
-    # angle of the steering wheel over that of the road wheels: a number, or a table of
-    # (angle of the steering wheel in the unit of the signal, ratio)
+    # ratio of the angle of the steering wheel to that of the road wheels: a number, or a
+    # table of (angle of the steering wheel in the unit of the signal, ratio)
     ratio: float | tuple[tuple[float, float], ...] | None = None
-    radius: float | None = None  # of the wheel, m; None: that of the car
-    latency: float = 0.0  # s
-    clock: float = 0.0  # s
+    radius: float | None = None  # [m] radius of the wheel; None: that of the car
+    latency: float = 0.0  # [s] as in NUMBER_RANGES
+    clock: float = 0.0  # [s] as in NUMBER_RANGES
     valid: Flag | None = None
     counter: Counter | None = None
-    hold: bool = False  # sent only if it changes: each value is held until the next one
+    hold: bool = False  # True: sent only if it changes, so each value is held until the next one
     # threshold in the unit of the signal: the channel is 1 above it, otherwise 0
     above: float | None = None
     # name of the signal with the fine part of the value, in the same unit
@@ -84,15 +84,15 @@ class SignalsFile:
     """The contents of signals.toml."""
 
     path: Path | None  # None: there is no file, the log has the library's names
-    signals: Mapping[str, SignalSource]  # by channel
-    how: ReadOptions = field(default_factory=ReadOptions)  # table [log]
-    rate: float | None = None  # rate of the rows, Hz; None: chosen by the channels
+    signals: Mapping[str, SignalSource]  # channel -> its source
+    how: ReadOptions = field(default_factory=ReadOptions)  # table [log]: options of reading
+    rate: float | None = None  # [Hz] rate of the rows; None: chosen from the rates of the channels
 
     def wants(self, name: str) -> bool:
-        """Return whether a signal is needed.
+        """Return whether a signal is needed by a channel.
 
-        `name`: its name with or without the message. Names in the file may also lack the
-        message."""
+        `name`: name of the signal, with or without its message. Names in the file may
+        also lack the message."""
         names = {
             n
             for s in self.signals.values()
@@ -197,7 +197,7 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
-    """Raise an error for an axle together with its wheels, and for a wheel alone."""
+    """Raise an error for an axle assigned with its wheels, or a wheel assigned alone."""
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
@@ -268,7 +268,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
         if key in table:
             values[key] = _check_number(at, key, table[key], low, high, unit, refuse)
     if values.get("scale") == 0.0:
-        raise refuse(at, "scale", "0 makes the signal 0; allowed: other numbers")
+        raise refuse(at, "scale", "0 makes the signal 0; allowed: any other number")
     if "radius" in table and "wheel_speed" not in channel:
         raise refuse(at, "radius", "is allowed for wheel speeds only")
     if "above" in table and channel != "brake":
@@ -332,7 +332,7 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
 
 
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
-    """Check the key `unit` and return it: convertible to the unit of the channel."""
+    """Return the key `unit`; raise an error if it does not fit the channel."""
     unit, usual = table["unit"], _list_units(channel)
     if not isinstance(unit, str) or parse_unit(unit) is None:
         raise refuse(at, "unit", f"{unit!r} is not a known unit; usual units of {channel}: {usual}")
@@ -345,7 +345,7 @@ def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> st
 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
-    """Check the key `ratio`; return the steering ratio, or its table over the angle."""
+    """Check the key `ratio`; return the steering ratio, or its table by angle."""
     if not isinstance(value, list):
         return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
@@ -399,7 +399,7 @@ def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
 
 
 def _check_number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
-    """Return the number; raise an error if it is outside low .. high."""
+    """Return a key as a float; raise an error if it is outside low .. high."""
     allowed = f"allowed: {low:g} .. {high:g}{f' {unit}' if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise refuse(at, key, f"{value!r} is not a number; {allowed}")
@@ -421,7 +421,7 @@ def _list_units(channel: str) -> str:
 
 
 def _find_line(text: str, table: str, key: str) -> str:
-    """Return the line of a key as "line 3, ", the start of a message; "": not found."""
+    """Return the line of a key as the start of a message: "line 3, "; "": not found."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)

@@ -1,7 +1,9 @@
 """Convert the frames of a bus to rows while they arrive.
 
-Signals, flags, units and resampling are the same as for a log. To interpolate a row, a
-later value of each channel is needed. A row waits for these values, up to a limit.
+Signals, flags, units and resampling are the same as for a log. An entry is a value of a
+signal with its time. A row is interpolated between an earlier and a later entry of each
+channel. It is returned when the later entries have arrived, or at the latest after a
+limited wait.
 """
 
 from __future__ import annotations
@@ -36,21 +38,25 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-# Each signal keeps its last entries: [s] those of this time, and at least this number.
-# This is enough to find repeated counters and held values, and for the spline
+# Of each signal, the entries of the last KEPT_TIME, s, are kept, and at least MIN_KEPT
+# entries. They suffice for the spline, and to find repeated counters and held values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
-LISTEN_TIME = 1.0  # [s] duration of frames after which the rates of the channels are known
-MAX_LISTEN_TIME = 3.0  # [s] max of this duration, while an input of the model is missing
-# max time for which a row waits for a channel: median steps of the channel, plus s
+# [s] time after the first needed frame at which the rates of the channels are determined
+LISTEN_TIME = 1.0
+MAX_LISTEN_TIME = 3.0  # [s] the same, if a needed channel has not arrived until LISTEN_TIME
+# A row waits for a channel for at most WAIT_STEPS median steps of it, plus WAIT_TIME, s.
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
-# Rows do not wait for a channel that is silent for this time: median steps, at least s
+# A channel is silent, and rows do not wait for it, if it has had no entry for
+# SILENT_STEPS of its median steps, and for MIN_SILENCE, s.
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# [entries] length of the spline before a row. Earlier entries have a weight below
-# 0.27 ** 48, which is negligible
+# [entries] number of entries before a row that the spline uses. Earlier entries would
+# have a weight below 0.27 ** 48, which is negligible.
 SPLINE_ENTRIES = 48
-CHECK_INTERVAL = 1.0  # [s] interval of the checks of rates and held values
-LOW_PASS_RATIO = 1.2  # [1] min ratio of the rate of a channel to that of rows for a low pass
-LOW_PASS_ROWS = 2.0  # [rows] additional wait for a low-passed channel
+CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determined anew
+# [1] A channel is low-passed if its rate exceeds this times the rate of the rows.
+LOW_PASS_RATIO = 1.2
+# [rows] additional wait for a low-passed channel, whose filter needs more later entries
+LOW_PASS_ROWS = 2.0
 MAX_STEP_BACK = 0.5  # [s] a larger backward step of time stamps means that the clock was set
 MAX_NEW_ROWS = 1000  # max number of rows returned by one call
 
@@ -59,13 +65,13 @@ MAX_NEW_ROWS = 1000  # max number of rows returned by one call
 class _Signal:
     """The last entries of a signal of the bus."""
 
-    message: Any  # its message and signal in the database
-    signal: Any
-    time: list[float] = field(default_factory=list)
+    message: Any  # message in the database
+    signal: Any  # signal in the database
+    time: list[float] = field(default_factory=list)  # [s] times of the entries
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Delete old entries: KEPT_TIME and MIN_KEPT."""
+        """Delete the older half of the entries if KEPT_TIME and MIN_KEPT permit it."""
         count = len(self.time)
         if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
@@ -76,9 +82,10 @@ class _Heard:
     """The channels received so far."""
 
     now: float  # time of the bus, s
-    found: dict[str, Series]  # by channel
-    own: dict[str, tuple[np.ndarray, np.ndarray]]  # times and values, without held values
-    rates: dict[str, float]  # Hz
+    found: dict[str, Series]  # channel -> its entries
+    # channel -> times and values of its entries, without held values
+    own: dict[str, tuple[np.ndarray, np.ndarray]]
+    rates: dict[str, float]  # channel -> rate of its entries, Hz
     core: list[str]  # names of the is_core() channels
 
 
@@ -122,21 +129,22 @@ class Stream:
         # identifier that is in no database -> number of its frames
         self.unknown: dict[int, int] = {}
         self.known = 0  # number of frames whose messages are in the databases
-        # [s] correction of time stamps; time of last frame; time of first needed frame
-        self._shift, self._last, self._first = 0.0, -math.inf, math.nan
+        self._shift = 0.0  # [s] sum of the backward steps of the clock, added to all times
+        self._last = -math.inf  # [s] time of the last frame
+        self._first = math.nan  # [s] time of the first frame with a needed signal
         self._sent = 0  # number of rows returned
         self._start = math.nan  # time of the first row, s
         # axle -> sums of (right - left wheel speed) x yaw rate, and of yaw rate squared
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> time of its last entry that is in a row, s
         self._given_until: dict[str, float] = {}
-        # channel -> its rate, Hz; True: it has no held values
+        # channel -> (its rate, Hz; True if it has no held values), as determined last
         self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf  # time of the last check of rates and held values, s
         self.last: dict[str, float] = {}  # channel -> time of its last value, s
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
-        """Add messages to the names of signals; check that no channel is missing."""
+        """Complete signal names to MESSAGE.SIGNAL; check that no channel is missing."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
@@ -189,7 +197,7 @@ class Stream:
 
     @property
     def rate(self) -> float | None:
-        """Rate of the rows, Hz; None: unknown, until enough frames have arrived."""
+        """Rate of the rows, Hz. None: unknown, since too few frames have arrived."""
         return self._rate if math.isfinite(self._start) else None
 
     def list_columns(self) -> list[str]:
@@ -198,7 +206,7 @@ class Stream:
         return [*DRIVES, *MEASURES, *optional]
 
     def find_message(self, channel: str) -> str:
-        """Return the name of the message that contains a channel."""
+        """Return the name of the message that contains a channel; "": no message does."""
         name = next(
             (s.name[0] for c, s in self._all.signals.items() if c == channel or channel in SIDES.get(c, ())),
             "",
@@ -252,7 +260,7 @@ class Stream:
         return self._last
 
     def _build_series(self) -> dict[str, Series]:
-        """Return all channels that have entries, in SI units."""
+        """Return all channels whose signals have entries, in SI units."""
         times: dict[tuple[str, int, float, float], np.ndarray] = {}
         channels = {}
         for n, k in self._kept.items():
@@ -343,10 +351,10 @@ class Stream:
         return value
 
     def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of new entries, as select_entries() does.
+        """Return times and values of the new entries, as raster.select_entries() does.
 
-        To save time, held values are searched only if `anew`, or if the channel had some
-        in the last search."""
+        To save time, held values are searched for only if `anew` is True, or if the last
+        search found some in this channel."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -372,7 +380,7 @@ class Stream:
         return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _start_rows(self, heard: _Heard) -> bool:
-        """Set rate and start of the rows. Return False if there are too few frames."""
+        """Set rate and start of the rows. Return False if too few frames have arrived."""
         wanted = [
             c
             for c, s in self._all.signals.items()
@@ -391,9 +399,10 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return whether the next row may be complete, i.e. need not wait for a channel.
+        """Return whether the next row may be complete. False: it waits for a channel.
 
-        A fast check, since most frames complete no row."""
+        This is a fast check before the full one in make_rows(), since most frames
+        complete no row."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -416,8 +425,8 @@ class Stream:
     def _find_row_limit(self, heard: _Heard) -> float:
         """Return the time up to which rows are complete, s.
 
-        Each channel has a later value, or is silent, or the row has waited long
-        enough."""
+        A row is complete if every channel has a later entry, is silent, or has been
+        waited for long enough (WAIT_STEPS, WAIT_TIME)."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
@@ -431,10 +440,10 @@ class Stream:
         return min(until) if until else -math.inf
 
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return a column with each new entry in the row nearest to it.
+        """Return a column with each new entry in the nearest row, and NaN in other rows.
 
-        An entry that arrives after its row was returned is in the first of the new
-        rows."""
+        An entry that arrives after its row was returned is placed in the first row of
+        this call."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -470,9 +479,8 @@ class Stream:
     def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
         """Return the mean wheel speed of an axle.
 
-        If one wheel is missing, its speed is computed from that of the other wheel and
-        the yaw rate. The factor (right - left) / yaw rate is fitted to all rows so
-        far."""
+        If one wheel is missing, its speed is computed from the other wheel and the yaw
+        rate. The factor (right - left speed) / yaw rate is fitted to all rows so far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
         turn[0] += float(np.sum((right - left)[both] * yaw[both]))
@@ -498,7 +506,9 @@ def _list_names(s: SignalSource) -> list[str]:
 
 
 def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
-    """Return the source with the complete names of its signals: `whole`, by name."""
+    """Return the source with complete names of its signals.
+
+    `whole`: name -> complete name."""
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),
@@ -510,5 +520,5 @@ def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
 
 
 def _mask_outside(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return the values with NaN for those outside low .. high."""
+    """Return the values, with NaN in place of those outside low .. high."""
     return np.where((x >= low) & (x <= high), x, np.nan)

@@ -1,4 +1,4 @@
-"""Find the velocities of an INS or optical sensor, and the sign of the lateral one."""
+"""Find the signals of the velocities of an INS or optical sensor, and their signs."""
 
 import re
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# [sd] min regression coefficient of accel_y - v r on the derivative of the lateral
-# velocity that determines the sign of the velocity
+# [sd] The sign of a lateral velocity is found by a regression of accel_y - v r on the
+# derivative of this velocity. Its coefficient must exceed this many of its sd.
 MIN_SIGN_SDS = 6.0
-MAX_ACROSS = 0.35  # [1] max ratio of lateral velocity to speed in 98 % of the rows
+MAX_ACROSS = 0.35  # [1] max of |lateral velocity| / speed, exceeded in at most 2 % of the rows
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -45,8 +45,8 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     Returns
     -------
     list of Guess
-        Longitudinal velocity, if it is about equal to the speed of the wheels. Lateral
-        velocity, if its sign follows from accel_y - v r or from the format.
+        A longitudinal velocity must be about equal to the speed of the wheels. The sign
+        of a lateral velocity must follow from accel_y - v r or from the format.
     """
     taken = {n for g in guesses for n in g.name}
     found: list[Guess] = []
@@ -117,11 +117,11 @@ def _guess_velocity(
 def _find_sign(
     look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
 ) -> float:
-    """Return the regression coefficient of accel_y - v r on the derivative of the lateral
-    velocity x, over its sd; 0: unknown.
+    """Return coefficient / sd of a regression of accel_y - v r on the derivative of x.
 
-    Its sign is the sign of x. A second regressor, accel_y, accounts for gravity that the
-    accelerometer measures because of body roll."""
+    x: lateral velocity, m/s. Result > 0: x is positive to the left. < 0: to the right. 0:
+    unknown. A second regressor, accel_y, accounts for gravity that the accelerometer
+    measures because of body roll."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

@@ -1,9 +1,9 @@
 """Score how well the name of a signal describes a role.
 
-A role is a quantity that a signal may measure. The words are used by manufacturers, ISO
-8855, openpilot and ROS, in English, German, French, Spanish and Italian. Scores: 3 exact
-words, 2 likely, 1 possible, 0 none. A score below 0 is a similar name of a different
-quantity.
+A role is a quantity that a signal may measure. The words are those of manufacturers, ISO
+8855, openpilot and ROS, in English, German, French, Spanish and Italian. Score 3: the
+words are exact, 2: likely, 1: possible, 0: there are none. Below 0: the name is similar,
+but that of a different quantity.
 """
 
 import functools
@@ -183,7 +183,8 @@ def join_words(name: str) -> str:
 def score_name(role: str, name: str) -> float:
     """Return the score of a name for a role.
 
-    A match in the whole path counts 0.2 less than a match in its last part."""
+    A match with the last part of the name counts in full. A match with the whole name,
+    including topic and message, counts 0.2 less."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)

@@ -1,4 +1,7 @@
-"""Find the signals of wheel speeds, motion and pedals by name, unit and kinematics."""
+"""Find the signals of wheel speeds, motion, brake and wheel torques in a log.
+
+The evidence is the name and unit of each signal, and the kinematics of the car.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +26,18 @@ from tse.channels.vocabulary import (
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
-# [Hz] min rate of a wheel speed. A GNSS receiver with 1 Hz does not resolve braking.
+# [Hz] min rate of a wheel speed, and of a speed of the car that is used instead. The
+# speed of a GNSS receiver at 1 Hz is too slow to resolve braking.
 MIN_WHEEL_RATE = 5.0
 
 
 def find_wheels(look: Look) -> dict[str, str]:
-    """Return place -> name of each wheel speed.
+    """Return a dict with the signal of each wheel speed: place (front_left, ...) -> name.
 
-    Signals with similar names or of one message form sets. The set that is the most
-    complete and whose signals are the most similar is chosen."""
+    If only axles have speeds, the places are "front" and "rear". Signals with similar
+    names, or in the same message, form a set. The score of a set depends on its
+    completeness, its names, and the correlation of its signals. The set with the highest
+    score is returned."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
         place, worth = find_place(name)
@@ -74,7 +80,10 @@ def find_wheels(look: Look) -> dict[str, str]:
 
 
 def _strip_place(name: str) -> str:
-    """Return the words of a name, with * for those of the place (front left, ...)."""
+    """Return the last part of a name, with the words for a place replaced by *.
+
+    Words for a place are front, left, fl, ... Names of the four wheel speeds of a car
+    thus become equal."""
     text = join_words(last_part(name))
     return re.sub(
         r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|"
@@ -95,7 +104,9 @@ def is_rolling(x: np.ndarray) -> bool:
 
 
 def _compare_motion(look: Look, names: list[str]) -> float:
-    """Return twice the min correlation of signals with the first one: wheels have 2."""
+    """Return 2 x the min correlation of the signals with the first of them.
+
+    For wheel speeds of the same car, it is nearly 2."""
     if len(names) < 2:
         return 0.0
     first = look.x[names[0]]
@@ -103,10 +114,10 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Return four speeds without telling names, as wheels in the order of the file.
+    """Return four signals that may be wheel speeds, though their names do not state it.
 
-    They have the same unit and differ by a few percent. find_sides() corrects the
-    order."""
+    They have the same unit, differ by a few percent, and get the places of WHEEL_PLACES
+    in the order of the file. find_sides() corrects this order."""
     rolling = [
         n
         for n in look.x
@@ -142,9 +153,10 @@ def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return the mean wheel speed, or otherwise the signal with the name of a speed.
+    """Return the mean of the wheel speeds, in the unit of the log.
 
-    Unit: that of the log. None: there is no speed."""
+    Without wheel speeds, return the signal whose name describes the speed of the car.
+    None: the log has no such signal either."""
     if wheels:
         return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
     name = find_named_speed(look)
@@ -152,9 +164,10 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return the speed of the car as rear axle, for a log without wheel speeds.
+    """Return the signal of the car's speed as that of the rear axle: {"rear": name}.
 
-    The reader of the log uses it for the front axle, too. Slip is then unknown."""
+    It replaces missing wheel speeds. When the log is read, the front axle gets the same
+    speed, so slip is unknown. {}: the log has no such signal."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
@@ -165,7 +178,7 @@ def is_car_speed(wheels: Mapping[str, str]) -> bool:
 
 
 def find_named_speed(look: Look, slowest: float = 0.0) -> str:
-    """Return the name of the signal that by its name is the car's speed; "": none.
+    """Return the signal whose name best describes the speed of the car; "": none.
 
     `slowest`: min rate of the signal, Hz."""
     named = sorted(
@@ -182,7 +195,7 @@ def is_sided(wheels: Mapping[str, str]) -> bool:
 
 
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return right less left wheel speed of an axle: proportional to the yaw rate.
+    """Return right minus left wheel speed of an axle: it is proportional to the yaw rate.
 
     None: no axle has both wheels, or their names do not state the side."""
     if not is_sided(wheels):
@@ -197,8 +210,8 @@ def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
     """Assign places to four wheel speeds whose names do not state them.
 
-    The two that are slower in left turns are the left wheels. In the order of the file,
-    the first wheel of each side is the front one."""
+    The two wheels that are slower in left turns are the left wheels. Of the two wheels of
+    a side, the one that is first in the file is taken as the front wheel."""
     if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
     r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
@@ -210,8 +223,9 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # ---- Motion of the car, by name, unit and agreement of the channels with each other.
 
-# Correlation that counts neither for nor against a role; 0.75 for other roles. For
-# accel_x it is lower: dv/dt is noisy, and grade adds to accel_x.
+# [1] role -> correlation with other channels that adds nothing to the score of a signal
+# for this role. For roles that are not listed, it is 0.75. For accel_x, it is lower:
+# dv/dt is noisy, and grade adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max abs. score of a signal for a role by physics
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
@@ -231,16 +245,16 @@ def find_roles(
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role -> name, as found by the pass before: references for physics. Empty in the
-        first pass, whose references are the signals with the best names.
+        Role -> name of its signal, as found in the pass before. The score by physics
+        compares with these signals. Empty in the first pass, which compares with the
+        signals with the best names.
 
     Returns
     -------
     dict of str to str
         Role -> name of its signal.
     dict of str to dict of str to float
-        For each role the scores of its signal: by name and unit ("said"), by physics
-        ("shown").
+        Role -> the two scores of its signal: "said" by name and unit, "shown" by physics.
     """
     taken = set(wheels.values()) | find_quaternions(look)
     said = {
@@ -315,9 +329,10 @@ def _score_by_physics(
 ) -> float:
     """Return the score of a signal for a role by its correlation with other channels.
 
-    It is in -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE. 0: there is no channel to compare
-    with. `v`: speed in any unit. `usual`: speed scaled to m/s. `change`: derivative of v.
-    `turn`: right less left wheel speed. `ref`: role -> name of the other channels."""
+    The score is in -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE. 0: there is no channel to
+    compare with. `v`: speed in any unit. `usual`: speed scaled to m/s. `change`:
+    derivative of v. `turn`: right minus left wheel speed. `ref`: role -> name of the
+    signal to compare with."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -358,8 +373,8 @@ def _find_pair(
 ) -> dict[str, str]:
     """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y.
 
-    For roles that no signal's name describes. `ref` gives a signal whose role is
-    known."""
+    Used if no name describes yaw_rate, or none describes accel_y. If `ref` has the signal
+    of one of them, only the other one is searched for. {}: no pair fits well enough."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -391,13 +406,16 @@ AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-MIN_BRAKING_LOSS = 0.7  # [m/s2] min difference of dv/dt with brake off and on
-# The car brakes if pressure or pedal exceed this share of this quantile of their values.
+# [m/s2] min difference between the mean dv/dt with brake off and with brake on. A signal
+# with a smaller difference is no brake.
+MIN_BRAKING_LOSS = 0.7
+# [1] A brake pressure or pedal position means braking if it exceeds PEDAL_SHARE times the
+# PEDAL_QUANTILE quantile of its values.
 PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
-    """Return the guesses of brake and wheel torques.
+    """Return the guesses (class Guess) of brake and wheel torques.
 
     `v`: speed at the times of `look`, m/s. None: unknown."""
     found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
@@ -465,7 +483,9 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
         )
         if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
-            guess.figures.append("by its name and unit; needed: drive minus brake torque, sum of both wheels")
+            guess.figures.append(
+                "found by its name and unit; it must be drive minus brake torque, sum of both wheels"
+            )
             guess.unsure.append("the signal, by its name alone")
             return guess
     return None

@@ -30,7 +30,8 @@ from tse.library.files import check_regular, write_atomically
 Array = npt.NDArray[np.float64]
 
 MAX_ROAD_BYTES = 1 << 30  # [B] max size of a road file: 10 000 km in steps of 1 m
-MAX_ROAD_ANGLE = 0.35  # [rad] max magnitude of the settings bank_angle and grade_angle
+# [rad] max magnitude of bank and grade, as in the settings bank_angle and grade_angle
+MAX_ROAD_ANGLE = 0.35
 PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
 COLUMN_RANGES = {  # column -> unit, minimum, maximum
     "distance": ("m", -1e7, 1e7),
@@ -46,12 +47,12 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
     "closed": ("1", 0.0, 1.0),
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
-EARTH_RADIUS = 6371008.8  # [m] mean radius
-# [m] distance of the two places from which the slope of a profile is computed: less than
-# the 40 m between its knots
+EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
+# [m] distance between the two places from which the derivative of a profile is computed:
+# less than the 40 m between its knots
 SLOPE_DISTANCE = 5.0
-# [m] sd of the Gaussian window that smooths curvatures: half the distance in which a car
-# turns into a bend
+# [m] sd of the Gaussian window that smooths curvatures: half the distance over which a
+# car turns into a bend
 SMOOTH_DISTANCE = 7.5
 
 
@@ -62,8 +63,8 @@ class Road:
     Parameters
     ----------
     distance
-        (n,) m, increasing. In a circuit, the last place is the first one again, one round
-        later.
+        (n,) m, increasing. In a circuit, the last place is the same as the first, one
+        round later.
     bank, grade
         (n,) rad; bank > 0 if the left side is higher, grade > 0 uphill. NaN: unknown.
     bank_sd, grade_sd
@@ -140,7 +141,8 @@ class Road:
         name
             bank, grade, bank_sd, grade_sd, curvature, x or y.
         distance
-            (m,) m along the road, in any round of a circuit. NaN: not on the road.
+            (m,) m along the road; in a circuit, in any of its rounds. NaN: not on the
+            road.
 
         Returns
         -------
@@ -155,7 +157,7 @@ class Road:
     def compute_slope(self, name: str, distance: Array) -> Array:
         """Return the derivative of a column with respect to distance, per m.
 
-        Parameters as in interpolate()."""
+        Parameters as in interpolate(). The derivative is the mean over SLOPE_DISTANCE."""
         return (
             self.interpolate(name, distance) - self.interpolate(name, distance - SLOPE_DISTANCE)
         ) / SLOPE_DISTANCE
@@ -190,16 +192,17 @@ def make_road(
     distance: Array, *, x: Array | None = None, y: Array | None = None, latitude: Array | None = None,
     longitude: Array | None = None, curvature: Array | None = None, is_closed: bool = False,
 ) -> Road:  # fmt: skip
-    """Return a road with a known path and an unknown profile; parameters as in Road."""
+    """Return a road with this path and an unknown profile; parameters as in Road."""
     unknown = np.full(len(distance), np.nan)
     return Road(distance, unknown, unknown, unknown, unknown, x, y, latitude, longitude, curvature, is_closed)
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return east and north, m, of places near the origin (latitude, longitude, deg).
+    """Return coordinates east and north of the origin, m, of places near it.
 
-    This is an equirectangular projection. Within 10 km of the origin, its error is up to
-    5 m at a latitude of 60 deg, but the same for all laps.
+    `origin`: latitude and longitude, deg. This is an equirectangular projection. Within
+    10 km of the origin, its error is up to 5 m at a latitude of 60 deg, but the same for
+    all laps.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -271,7 +274,7 @@ def read_road(path: Path) -> Road:
 
 
 def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
-    """Return a column as numbers, NaN if empty. UserError: a cell is not numeric."""
+    """Return a column as numbers, NaN for empty cells. UserError: a cell is no number."""
     values = np.full(len(line), np.nan)
     for i, cell in enumerate(cells):
         text = cell.strip()
@@ -361,5 +364,5 @@ def write_road(road: Road, path: Path) -> None:
 
 
 def _format_cell(x: float, digits: int) -> str:
-    """Format a number of road.csv with this number of decimals; NaN is an empty cell."""
+    """Format a number of road.csv with `digits` decimals; NaN becomes an empty cell."""
     return "" if np.isnan(x) else f"{x:.{digits}f}"

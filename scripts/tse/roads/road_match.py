@@ -1,14 +1,15 @@
 """Find the place on a road of each row of a log.
 
 If GNSS positions are logged, they give the place. Otherwise, the curvature of the path of
-the car (yaw rate over speed) as a function of the travelled distance is matched with the
+the car (yaw rate / speed) as a function of the travelled distance is matched with the
 curvature of the road. This is a hidden Markov model (Viterbi, IEEE Trans. Inf. Theory 13
-(1967) 260). Its states are places on the road, PLACE_STEP apart, and "elsewhere". While
-the log advances by one step, the place advances by 0, 1 or 2 steps. The model thus allows
-for a wrong wheel radius, a different lane, a start anywhere on the road, several rounds
-of a circuit, and driving to the road and away from it. In a matched stretch, the
-curvatures must correlate (MIN_ALIKE) and the road must turn enough (MIN_TURN), since
-straights cannot be told apart."""
+(1967) 260). Its states are places on the road, PLACE_STEP apart, and "elsewhere", i.e.
+off the road. While the log advances by one step of PLACE_STEP, the place advances by 0, 1
+or 2 steps. The model thus allows for a wrong wheel radius, a different lane, a start
+anywhere on the road, several rounds of a circuit, and driving to the road and away from
+it. A stretch is a part of the log that is on the road without interruption. In a stretch,
+the curvatures must correlate (MIN_ALIKE) and the road must turn enough (MIN_TURN), since
+straights cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -25,48 +26,55 @@ from tse.library.errors import UserError
 from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
-GNSS, PATH = "GNSS position", "path"  # method by which places are found, in words
-# [m] sd of a place along the road. PATH: rms error against GNSS in four real laps
+GNSS, PATH = "GNSS position", "path"  # method by which places are found, as named in messages
+# [m] sd of a place along the road. PATH: rms difference from GNSS in four real laps
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
-# [m] distance of places of the road and of the path: a third of SMOOTH_DISTANCE
-PLACE_STEP = 2.5
-# [m] max distance of a position from the path of the road: four lanes, or a poor GNSS
+PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
+# [m] max distance of a position from the path of the road: width of four lanes, or the
+# error of a poor GNSS
 MAX_OFF_ROAD = 15.0
-# [m] distance added between opposite directions in a search of the nearest place
+# [m] In the search for the place nearest to the car, a place at which the road has the
+# opposite direction counts as this much further away.
 DIRECTION_DISTANCE = 20.0
 # [m/s] below this speed, the car is taken to stand: the gyro then measures its bias
 MIN_ROLL_SPEED = 0.5
 # Costs of the hidden Markov model are negative log-likelihoods, in nat.
-# [nat] cost of 0 or 2 steps along the road per step of the log. An error of the wheel
-# radius of 1 % costs 12 nat per km
+# [nat] cost if the place advances by 0 or 2 steps in one step of the log. An error of the
+# wheel radius of 1 % thus costs 12 nat per km.
 SLIP_COST = 3.0
-# [1] sd of the difference of the curvatures of road and log, over the rms curvature of
-# the road: drivers differ by this
+# [1] sd of the difference between the curvatures of log and road, relative to the rms
+# curvature of the road: drivers take different lines.
 ALIKE_SD = 0.25
-MIN_ALIKE_SD = 5e-4  # [1/m] min of this sd: steering corrections on a straight, radius 2 km
-# [1] max squared difference of the curvatures, over its variance. With this limit, a car
-# that overtakes is still on the road
+# [1/m] min of this sd: steering corrections on a straight, with a radius of 2 km
+MIN_ALIKE_SD = 5e-4
+# [1] The squared difference of the curvatures / its variance is limited to this, so that
+# a car that overtakes is still on the road.
 MAX_SQUARED_ERROR = 9.0
-ELSEWHERE_COST = 1.0  # [nat] cost of a step elsewhere: that of a difference of 1.4 sd
-TURN_OFF_COST = 30.0  # [nat] cost of leaving or reaching the road: that of 75 m elsewhere
-MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a matched stretch
-MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road in a matched stretch
-# [rad] value of this integral that always suffices. A smaller one may match by chance: on
-# a winding road, stretches correlated backwards or mirrored over 3.6 rad
+# [nat] cost of a step elsewhere, the same as that of a difference of 1.4 sd on the road
+ELSEWHERE_COST = 1.0
+TURN_OFF_COST = 30.0  # [nat] cost of leaving or reaching the road, the same as of 75 m elsewhere
+MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
+MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
+# [rad] value of this integral that always suffices. A stretch with a smaller one may
+# match by chance: on a winding road, 3.6 rad of the reversed or mirrored road matched.
 SURE_TURN = 6.0
-# [1] if the correlation with a different part of the road is lower by less than this, the
-# place is ambiguous
+# [1] The place is ambiguous if a different part of the road has a correlation that is
+# lower by less than this.
 SAME_ALIKE = 0.05
-# [1] share of the integral over the whole road, or the whole log, that suffices, too
+# [1] A stretch also suffices if its integral is this share of that over the whole road or
+# the whole log, whichever is smaller.
 SURE_SHARE = 0.8
-# [1] max relative error of the distance by wheels. If it is larger, the distance is
-# corrected and matched again
+# [1] max relative error of the distance by wheels. If it is exceeded, the distance is
+# corrected, and the log is matched again.
 MAX_STRETCH = 0.005
-DRIFT_WINDOW = 60.0  # [m] sd of the window in which the offset of both distances is constant
+# [m] sd of the window in which the offset between distance along the road and distance by
+# wheels is taken as constant
+DRIFT_WINDOW = 60.0
 MIN_ROUND = 100.0  # [m] min length of a circuit
 MAX_PIT_LANE = 300.0  # [m] max distance from the first row to a place on the circuit
-MAX_CLOSURE = 0.05  # [1] max error of dead reckoning after one round, over its length
-MAX_PLACES = 8000  # max number of places in the model; on a longer road, steps are longer
+MAX_CLOSURE = 0.05  # [1] max error of dead reckoning after one round / length of the round
+# max number of places in the model; on a longer road, their spacing exceeds PLACE_STEP
+MAX_PLACES = 8000
 
 
 @dataclass(frozen=True)
@@ -78,8 +86,7 @@ class Track:
     travelled
         (n,) m, distance by the wheel speeds since the first row. It never decreases.
     heading
-        (n,) rad, integral of the yaw rate less its bias over the time in which the car
-        rolls.
+        (n,) rad, integral of (yaw rate - its bias) over the time in which the car moves.
     x, y
         (n,) m, positions. None: the log has none.
     latitude, longitude
@@ -101,10 +108,10 @@ class Profile:
     Parameters
     ----------
     distance
-        (n,) m along the road; in each round of a circuit the same. NaN: off the road.
+        (n,) m along the road, counted anew in each round of a circuit. NaN: off the road.
     bank, grade, bank_sd, grade_sd
-        (n,) rad. NaN: unknown. The sd include the error of the place, times the
-        derivative of the profile with respect to distance.
+        (n,) rad. NaN: unknown. The sd include the effect of the error of the place: its
+        sd x the derivative of the profile with respect to distance.
     how
         Method by which the places were found: GNSS or PATH.
     """
@@ -169,7 +176,7 @@ def derive_track(log: CheckedLog, config: Config | None = None) -> Track:
 
 
 def _fill_gaps(x: Array) -> Array:
-    """Interpolate the missing values of a channel; a channel without values becomes 0."""
+    """Interpolate the missing values of a channel; without any value, return 0."""
     known = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
@@ -257,7 +264,7 @@ def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tu
     Returns
     -------
     distance
-        For each log (n,) m. NaN: off the common road.
+        One array for each log: (n,) m. NaN: off the common road.
     road
         Path and curvature every 5 m. Bank and grade are unknown: Road.with_profile() sets
         them.
@@ -277,14 +284,14 @@ def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tu
 
 
 def derive_road(track: Track) -> Road:
-    """Return the path of a log as a road with a place every 2 PLACE_STEP.
+    """Return the path of a log as a road with a place every 2 x PLACE_STEP.
 
-    Bank and grade are unknown. If the path is a circuit, the road is one round.
+    Bank and grade are unknown. If the path is a circuit, the road is one round of it.
 
     Raises
     ------
     UserError
-        The car moved less than 4 PLACE_STEP.
+        The car moved by less than 4 x PLACE_STEP.
     """
     end = float(track.travelled[-1])
     if end < 4 * PLACE_STEP:
@@ -321,7 +328,7 @@ def derive_road(track: Track) -> Road:
 
 
 def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Array | None] | None:
-    """Return x, y, latitude, longitude at travelled distances `way`, smoothed.
+    """Return x, y, latitude and longitude at travelled distances `way`, smoothed.
 
     None: the log has too few positions."""
     if track.x is None:
@@ -342,7 +349,7 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
 
 
 def _smooth_values(values: Array, sd: float) -> Array:
-    """Smooth values by a Gaussian window with this sd, in steps.
+    """Smooth values by a Gaussian window with this sd, in steps between values.
 
     Both ends are extended by point reflection, so that a straight line stays straight."""
     wide = min(int(4 * sd) + 1, len(values) - 1)
@@ -365,12 +372,13 @@ def _compute_track_curvature(track: Track, way: Array) -> Array:
 
 
 def _find_round(road: Road) -> tuple[int, int] | None:
-    """Return the first and last place of the first round of a circuit; None: no circuit.
+    """Return first and last place of the first round, as indices; None: no circuit.
 
     At the end of a round, the path reaches its beginning again, in the same direction.
-    With positions, the end is the nearest place in the first stretch within MAX_OFF_ROAD
-    of the beginning. Without positions, it is the shift at which the curvature correlates
-    with itself (MIN_ALIKE) and dead reckoning returns to its start (MAX_CLOSURE).
+    With positions, the end is searched for in the first stretch within MAX_OFF_ROAD of
+    the beginning, and is the place nearest to the beginning. Without positions, it is the
+    shift at which the curvature correlates with itself (MIN_ALIKE) and dead reckoning
+    returns to its start (MAX_CLOSURE).
     """
     s = road.distance
     if road.x is not None:
@@ -405,9 +413,9 @@ def _correlate(a: Array, b: Array) -> float:
 
 
 def _add_direction(x: Array, y: Array) -> Array:
-    """Return positions of a path, m, and its direction there, scaled: (n, 4).
+    """Return points of a path with its direction there: (n, 4) x, y and scaled direction.
 
-    At the same position, the distance between opposite directions is DIRECTION_DISTANCE.
+    Two points at the same position with opposite directions are DIRECTION_DISTANCE apart.
     """
     dx, dy = np.gradient(x), np.gradient(y)
     size = np.maximum(np.hypot(dx, dy), 1e-9)
@@ -478,8 +486,8 @@ def match_by_position(
 def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
     """Interpolate distances along a road linearly at travelled distances `at`.
 
-    `way`, `s`: travelled distances, and distances along the road there. At a jump of s,
-    or next to NaN, the nearest value is used."""
+    `s`: distances along the road at the travelled distances `way`. At a jump of s, or
+    next to NaN, the nearest value is used."""
     i = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     share = (at - way[i]) / (way[i + 1] - way[i])
     step = s[i + 1] - s[i]
@@ -493,7 +501,7 @@ def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
 def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     """Return the distance along the road of every row, by curvature only.
 
-    NaN: off the road. In a circuit, the distance increases over all rounds.
+    NaN: off the road. In a circuit, the distance increases from round to round.
 
     Raises
     ------
@@ -514,7 +522,7 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     sd = max(ALIKE_SD * scale, MIN_ALIKE_SD)
     place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     stretch = _estimate_stretch(place, road.is_closed)
-    # If the wheel radius is wrong, the match contains too many steps of 0 or 2 places:
+    # If the wheel radius is wrong, the match contains many steps of 0 or 2 places:
     # correct the distance, and match again.
     if abs(stretch - 1.0) > MAX_STRETCH:
         track = replace(track, travelled=stretch * track.travelled)
@@ -536,15 +544,15 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
 
 
 def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return first and last + 1 index of each stretch of the log that is on the road."""
+    """Return the stretches of the log that are on the road: (first, last + 1) indices."""
     edges = np.flatnonzero(np.diff((place >= 0).astype(int), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return the ratio of distance along the road to distance by wheels; 1: unknown."""
+    """Return distance along the road / distance by wheels; 1: unknown."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
-    steps = steps[steps >= 0] if is_closed else steps  # negative where a new round begins
+    steps = steps[steps >= 0] if is_closed else steps  # a step is negative if a new round begins
     return float(np.mean(steps))
 
 
@@ -577,9 +585,9 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # came[i, place]: predecessor of a place in step i. 0, 1, 2: the place so many steps
-    # before; 3: elsewhere. came[i, n]: predecessor of "elsewhere". 0: elsewhere; 1: the
-    # place left[i].
+    # came[i, place]: predecessor of a place in step i. 0, 1, 2: the place this many
+    # places before; 3: elsewhere. came[i, n]: predecessor of "elsewhere" in step i. 0:
+    # elsewhere; 1: the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
     cost = np.full(n + 1, TURN_OFF_COST)
@@ -617,9 +625,9 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
 def _accept_stretches(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float
 ) -> npt.NDArray[np.int64]:
-    """Return the places with -1 in stretches of low correlation or little turning.
+    """Return the places, with -1 in stretches of low correlation or little turning.
 
-    The limits are MIN_ALIKE, and MIN_TURN, SURE_TURN or SURE_SHARE."""
+    Min correlation: MIN_ALIKE. Min turning: from MIN_TURN, SURE_TURN and SURE_SHARE."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -633,9 +641,9 @@ def _accept_stretches(
 def _is_ambiguous(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> bool:
-    """Return whether the longest stretch matches a different part of the road, too.
+    """Return whether the longest stretch also matches a different part of the road.
 
-    Its correlation there is then lower by less than SAME_ALIKE."""
+    It does if its correlation with that part is lower by less than SAME_ALIKE."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE
@@ -654,11 +662,11 @@ def _refine_places(
 ) -> Array:
     """Return the places with a resolution below a step, m from the first place.
 
-    NaN: off the road. The offset between the distances of road and log changes slowly. It
-    is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit the curvature of
-    the log to that of the road (Lucas and Kanade, IJCAI (1981) 674). Places are weighted
-    by the squared derivative of the curvature, since only changes of curvature reveal the
-    offset.
+    NaN: off the road. The offset between distance along the road and travelled distance
+    changes slowly. It is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit
+    the curvature of the log to that of the road (Lucas and Kanade, IJCAI (1981) 674).
+    Places are weighted by the squared derivative of the curvature, since only changes of
+    curvature reveal the offset.
     """
     n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)
