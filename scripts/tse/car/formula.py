@@ -31,6 +31,7 @@ from tse.log.units import load_units
 MAX_FORMULA_VALUE = 1e6  # a result of this magnitude or more, or NaN, is replaced by 0
 # operations in one setting formula_code_<k>: one byte each, the first in the lowest byte
 PER_CODE = 3
+# Limits of the expression. They protect Python's parser and the recursion in _Compiler.
 MAX_TEXT = 400  # [characters] max length
 MAX_NESTING = 20  # max depth of nested parts
 MAX_POWER = 4  # max exponent
@@ -207,8 +208,7 @@ class Formula:
         Parameters
         ----------
         signals
-            Signal in FORMULA_OP -> its values, (rows,). It needs all signals that the
-            formula uses.
+            Name of each signal that the formula uses, as in FORMULA_OP -> values, (rows,).
         dt
             Time since the row before, s: one number, or (rows,). The first is not used.
 
@@ -482,8 +482,7 @@ class _Compiler:
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
         """Append an operation that takes `takes` operands, and check the limits.
 
-        Limits are checked after each operation: powers of powers could fill the
-        memory."""
+        Limits are checked at once, since powers of powers could grow without limit."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -701,7 +700,7 @@ def _advise_literal(*parts: ast.expr) -> str:
 
 
 def _count_indent(text: str) -> int:
-    """Return the number of spaces at the start of a text."""
+    """Return the number of spaces at the start of a string."""
     return len(text) - len(text.lstrip(" "))
 
 

@@ -25,7 +25,7 @@ WHEELBASE_TOLERANCE = 0.01  # [m] max difference of wheelbase and lf + lr
 # [kg/m2] plausible range of mass / wheelbase^2. It is about 100 in small cars, and 380 in
 # vans. A mass in pounds instead of kg increases it by the factor 2.2.
 MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
-# keys that a calibration assumes to be known: if one changes, it must be repeated
+# keys that a calibration assumes to be known: if one changes, calibrate again
 CALIBRATED_FACTS = ("mass", "lf", "lr")
 MAX_REAR_RATIO = 1.05  # [1] max lf / lr of cars with front-wheel drive
 # keys at the top of the file that are not settings
@@ -115,8 +115,8 @@ def get_unknown_car() -> dict[str, float]:
 def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
     """Return settings of an ordinary car with this mass, kg, and distances lf and lr, m.
 
-    lf and lr: distances of the front and rear axle from the centre of gravity. Only
-    settings that differ from those of an exactly known car are returned."""
+    lf, lr: distance of the front and rear axle from the centre of gravity. Settings that
+    are the same for an exactly known car are left out."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -230,7 +230,7 @@ def list_sensor_settings() -> list[str]:
 
 
 def list_latency_settings() -> dict[str, str]:
-    """Return a dict: key of [latency], which is a channel -> its setting."""
+    """Return a dict: key of [latency], i.e. a channel -> its setting."""
     return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
@@ -496,7 +496,7 @@ def format_calibration_table(
     if of:
         lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_FACTS)} }}")
     if own:
-        lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
+        lines.append("own = true  # calibrated on the logs that are estimated: valid for no other log")
     lines += [f"names = {json.dumps(list(names))}", f"mean = {_format_numbers(mean)}", "covariance = ["]
     return [*lines, *(f"  {_format_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
 

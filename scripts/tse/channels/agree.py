@@ -34,6 +34,7 @@ FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.0
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
 # An assumption on units and signs is rated by its cost: the sum of (ln ratio / sd)^2 over
 # the corrected ratios, plus the following costs.
+
 # [1] cost of each assumed mistake. A mistake is reported only if it reduces the sum by
 # more than this, since most logs are correct.
 CAUSE_PRICE = 6.0
@@ -111,14 +112,15 @@ MIN_FALSE_STEP = 10.0
 # [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
 MAX_SPEED_RATIO = 1.25
 MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
-CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or a course are compared
+CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or of the course are compared
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
 # [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
 # MAX_FORCE_RATIO if both axles have torques, MIN_AXLE_SHARE if only one has.
 MAX_FORCE_RATIO = 1.6
 MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
-MIN_AXLE_SHARE = 0.25  # [1] min share of the force that a driven axle transmits
+# [1] min share of the total force of the tyres that the one axle with torques has
+MIN_AXLE_SHARE = 0.25
 # [1] The IMU is turned about its vertical axis if the cross-axis sensitivity of both
 # accelerometers exceeds this, the sine of 12 degrees. In correct logs, only one of the
 # two deviates from 0, by up to 0.13.

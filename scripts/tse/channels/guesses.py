@@ -19,7 +19,7 @@ from tse.readers.table import find_unit_suffix
 
 BY_SIZE = "by its size"  # source of a unit that neither the log nor the name states
 # [rad] min yaw misalignment of the IMU for a warning. A smaller one causes an error of
-# about 1 % in accel_y. tselab calibrate estimates it
+# about 1 % in accel_y, and tselab calibrate estimates it.
 MIN_MOUNTING = 0.12
 # Prior of the unit of a steering angle, for a log with too few bends for a test. Key:
 # (unit; True: angle of the steering wheel, False: of the road wheels). Value: (typical
@@ -141,8 +141,8 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 def _rate_confidence(said: float, shown: float) -> str:
     """Return the confidence of a guess from its scores by name and by physics.
 
-    sure: both are high. likely: physics is high, or the name is and physics does not
-    contradict it. Otherwise unsure."""
+    sure: both scores are high. likely: the score by physics is high, or that by name is
+    high and physics does not contradict it. unsure: otherwise."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -512,17 +512,15 @@ def _check_offsets(
         )
 
 
-# ---- Latency of each channel behind the gyro.
+# ---- Latency of each channel behind the yaw rate.
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
 # [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
 # steering: from simulated random understeering single-track models with relaxation length
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-# [sd] min latency of the steering angle that is proposed, in sd of this latency
-MIN_STEERING_SDS = 2.0
+MIN_STEERING_SDS = 2.0  # [sd of the latency] min latency of the steering angle that is proposed
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-# [sd] min latency of the other channels that is proposed, in sd of this latency
-MIN_LATENCY_SDS = 4.0
+MIN_LATENCY_SDS = 4.0  # [sd of the latency] min latency of the other channels that is proposed
 
 
 def find_latencies(
@@ -533,7 +531,7 @@ def find_latencies(
     sign: Mapping[str, float],
     warnings: list[str],
 ) -> None:
-    """Set the latencies of wheel speeds, accel_y and steering angle behind the gyro."""
+    """Set latencies of wheel speeds, accel_y and steering angle behind the yaw rate."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -611,8 +609,7 @@ def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: f
     """Set the latency of a guess to `late`, s, if it is significant; add the evidence.
 
     `sd`: sd of `late`, s. `clock`: name of the yaw rate, from which latencies count. If
-    both signals have the same time stamps, the min latency is doubled. `how`: signals
-    compared."""
+    it has the same time stamps, the min latency is doubled. `how`: signals compared."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -17,7 +17,7 @@ from tse.log.rows import SIDES
 from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
-USUAL_MODULO = 16  # assumed modulo of a message counter: 4 bits
+USUAL_MODULO = 16  # modulo of a message counter if it is neither stated nor found: 4 bits
 # [1] max share of values that a flag marks as invalid, or of entries in which a counter
 # does not count. Above it, the flag or counter is rejected as misinterpreted
 MAX_LOST = 0.5

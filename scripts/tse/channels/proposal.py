@@ -147,7 +147,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 #
 # The score of a signal for a role is the sum of three scores: of its name
 # (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
-# The other channels are the best candidates of the pass before, of at most ROLE_PASSES.
+# Physics compares with the best candidates of the pass before, in ROLE_PASSES passes.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3

@@ -27,7 +27,8 @@ MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the r
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
-EVEN_STEP = 0.01  # [steps] Times are equidistant if they deviate by less than this.
+# [steps] Times are equidistant if none deviates from an even raster by more than this.
+EVEN_STEP = 0.01
 PASS_BAND = 0.45  # [1] cut-off frequency of the low pass / rate of the rows
 PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
 # [1] If the rate of a low-passed channel exceeds this times the rate of the rows, a cubic
@@ -138,7 +139,9 @@ def is_core(name: str) -> bool:
 
 
 def choose_rate(rates: Sequence[float]) -> float:
-    """Return the default rate of the rows, Hz. `rates`: of the is_core() channels."""
+    """Return the default rate of the rows, Hz.
+
+    `rates`: rates of the channels for which is_core() is True, Hz."""
     rate = min(max((r for r in rates if r >= MIN_OWN_RATE), default=10.0), MAX_DEFAULT_RATE)
     return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
 

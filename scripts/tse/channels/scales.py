@@ -33,6 +33,7 @@ UNIT_OPTIONS = {
 # [m] wheel radius of passenger cars, and [1] sd of its logarithm, used if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
+# Costs of units, in squared sd of the deviation from the kinematic relations
 LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
 OTHER_UNIT_COST = 0.5  # cost of any but the first of UNIT_OPTIONS, if log and name state no unit
@@ -214,8 +215,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return a speed over ground that is independent of the wheels, m/s; None: none.
 
-    A speed of a GNSS receiver is preferred. Without any, it is computed from
-    positions."""
+    A GNSS speed is preferred. Without any speed in the log, positions are used."""
     named = [
         n
         for n in look.x

@@ -40,7 +40,7 @@ class Flag:
     """A validity flag: a signal that states whether a measurement is valid."""
 
     name: str
-    values: tuple[float, ...] | None = None  # values for valid; None: all but 0
+    values: tuple[float, ...] | None = None  # values that mean valid; None: all but 0
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
 # [sd] The sign of a lateral velocity is found by a regression of accel_y - v r on the
-# derivative of this velocity. Its coefficient must exceed this many of its sd.
+# derivative of this velocity. The coefficient must exceed this many of its sd.
 MIN_SIGN_SDS = 6.0
 MAX_ACROSS = 0.35  # [1] max of |lateral velocity| / speed, exceeded in at most 2 % of the rows
 

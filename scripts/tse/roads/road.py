@@ -1,16 +1,16 @@
-"""Profile of a road, i.e. bank and grade over distance. Reads and writes road.csv.
+"""Read and write road.csv: the profile of a road, i.e. bank and grade at distances.
 
 A row of road.csv is a place on the road. An empty cell means unknown. Columns:
 
-distance    m, along the road, increasing
-bank        rad, > 0 if the left side is higher, -0.35 .. 0.35
-grade       rad, > 0 uphill, -0.35 .. 0.35
-bank_sd     rad, standard deviation of bank, 0 .. 0.35
-grade_sd    rad, standard deviation of grade, 0 .. 0.35
-x, y        m, path in a level frame with any origin; both or none
-latitude, longitude   deg, the same path; both or none
-curvature   1/m, of the path, > 0 to the left; default: that of x, y
-closed      1: a circuit, whose last row is the same place as the first; 0: an open road
+distance             m, along the road, increasing
+bank                 rad, > 0 if the left side is higher, -0.35 .. 0.35
+grade                rad, > 0 uphill, -0.35 .. 0.35
+bank_sd              rad, standard deviation of bank, 0 .. 0.35
+grade_sd             rad, standard deviation of grade, 0 .. 0.35
+x, y                 m, path in a level frame with any origin; both or none
+latitude, longitude  deg, the same path; both or none
+curvature            1/m, of the path, > 0 to the left; default: that of x, y
+closed               1: a circuit: the last row is the same place as the first; 0: open
 
 Required: distance, bank or grade, and either a path (x and y, or latitude and longitude)
 or the curvature. road_match.py finds the places of the rows of a log on the road.

@@ -39,6 +39,7 @@ DIRECTION_DISTANCE = 20.0
 # [m/s] below this speed, the car is taken to stand: the gyro then measures its bias
 MIN_ROLL_SPEED = 0.5
 # Costs of the hidden Markov model are negative log-likelihoods, in nat.
+
 # [nat] cost if the place advances by 0 or 2 steps in one step of the log. An error of the
 # wheel radius of 1 % thus costs 12 nat per km.
 SLIP_COST = 3.0
@@ -61,8 +62,8 @@ SURE_TURN = 6.0
 # [1] The place is ambiguous if a different part of the road has a correlation that is
 # lower by less than this.
 SAME_ALIKE = 0.05
-# [1] A stretch also suffices if its integral is this share of that over the whole road or
-# the whole log, whichever is smaller.
+# [1] This share of the integral over the whole road, or over the whole log if it is
+# smaller, also suffices.
 SURE_SHARE = 0.8
 # [1] max relative error of the distance by wheels. If it is exceeded, the distance is
 # corrected, and the log is matched again.
@@ -71,7 +72,8 @@ MAX_STRETCH = 0.005
 # wheels is taken as constant
 DRIFT_WINDOW = 60.0
 MIN_ROUND = 100.0  # [m] min length of a circuit
-MAX_PIT_LANE = 300.0  # [m] max distance from the first row to a place on the circuit
+# [m] max distance that is driven before the circuit is reached, e.g. in a pit lane
+MAX_PIT_LANE = 300.0
 MAX_CLOSURE = 0.05  # [1] max error of dead reckoning after one round / length of the round
 # max number of places in the model; on a longer road, their spacing exceeds PLACE_STEP
 MAX_PLACES = 8000
