@@ -153,7 +153,7 @@ def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_
     table.to_csv(path, index=False)
     with pytest.raises(
         UserError,
-        match=r"column wheel_speed_front is missing in the header .* the columns of both its wheels",
+        match=r"column wheel_speed_front is missing in the header .* instead of the column of an axle",
     ):
         read_log(path)
 

@@ -208,7 +208,7 @@ class Formula:
         Parameters
         ----------
         signals
-            Name of each signal that the formula uses, as in FORMULA_OP -> values, (rows,).
+            Signal that the formula uses, by its name in FORMULA_OP -> values, (rows,).
         dt
             Time since the row before, s: one number, or (rows,). The first is not used.
 

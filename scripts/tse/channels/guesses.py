@@ -348,7 +348,10 @@ def _set_steering_ratio(
     elif given is None and spread > 0.12:
         guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
     elif given is not None:
-        warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, but {given:g} in the vehicle file")
+        warnings.append(
+            f"steer_angle: the steering ratio is {given:g} in the vehicle file, but {ratio:.1f} by "
+            "angle / (r L/v)"
+        )
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
@@ -454,8 +457,8 @@ def _check_turned_imu(
         return
     warnings.append(
         f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
-        f"vertical axis: accel_y contains {slope[1]:+.2f} of the longitudinal acceleration; rotate accel_x "
-        "and accel_y back before, or leave both out"
+        f"vertical axis: accel_y contains {slope[1]:+.2f} times the longitudinal acceleration; rotate "
+        "accel_x and accel_y back in the log, or leave both out"
     )
     for c in ("accel_y", "accel_x"):
         if c in found:

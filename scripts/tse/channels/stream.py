@@ -442,8 +442,7 @@ class Stream:
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return a column with each new entry in the nearest row, and NaN in other rows.
 
-        If this row was returned before, the entry is placed in the first row of this
-        call."""
+        If that row was returned before, the first row of this call gets the entry."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
