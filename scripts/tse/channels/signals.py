@@ -203,8 +203,8 @@ def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
             raise refuse(
                 f"signals.{axle}",
                 "",
-                f"is assigned together with {' and '.join(s for s in pair if s in found)}: leave out the axle "
-                "or its wheels",
+                f"is assigned together with {' and '.join(s for s in pair if s in found)}: leave out the "
+                "axle or its wheels",
             )
         if any(s in found for s in pair) and not all(s in found for s in pair):
             lone = next(s for s in pair if s in found)

@@ -219,8 +219,7 @@ def find_place(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
-# patterns for names that join place and quantity of a wheel in one word, e.g. FLwhlspd,
-# LFspeed, whlflspd
+# patterns for names that join place and quantity in one word: FLwhlspd, LFspeed, whlflspd
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",
