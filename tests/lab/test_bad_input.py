@@ -266,7 +266,7 @@ VEHICLES: dict[str, tuple[str, list[str]]] = {
     ),
     "a log": (
         "time,steer_angle,accel_x,accel_y\n0,0,0,0\n",
-        ["not valid TOML", "a table of 4 columns: a log"],
+        ["not valid TOML", "its first line has 4 columns: is it a log"],
     ),
     "not TOML": ("mass = = 3\n", ["not valid TOML", "line 1"]),
     "mass in tonnes": ("mass = 1.9\n", ["key mass", "1.9 is outside its range 50 .. 50000 kg"]),

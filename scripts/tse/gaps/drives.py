@@ -82,9 +82,8 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
         # [N] side force of the steered front wheels
         steered = (c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)) / length
-        force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + share * steered * np.sin(
-            steer
-        )
+        braking = share * steered * np.sin(steer)  # [N] part of it against the motion of the car
+        force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + braking
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {
             "wheel_speed_front": front * (1.0 + slip) / c.wheel_radius_front,
