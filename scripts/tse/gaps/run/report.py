@@ -48,7 +48,8 @@ class ReportInput:
 def write_report(path: Path, shown: ReportInput) -> None:
     """Write the report of a run."""
     result = shown.result
-    claim = "" if result.naming.named else " Nothing was added, so after is the same as before."
+    nothing = not result.naming.named and result.formula is None
+    claim = " Nothing was added, so after is the same as before." if nothing else ""
     sections = [
         (
             "The gap before and after",
