@@ -713,7 +713,7 @@ def check_peers(lines, text):
         assert line["cx_front_rms"] < 12 and (line[[f"{s}_rms" for s in STIFFNESS[1:]]] < 8).all()
     assert lines.loc["road-change", "ekf"]["cy_front_settle_1"] < 10
     assert np.isnan(lines.loc["nominal", "ekf"]["cy_front_settle_1"])
-    assert "over EKF" in text
+    assert "/ EKF" in text
 
 
 def check_stress(lines, text):

@@ -10,8 +10,8 @@ summary.py     tables of the scores
 engine.py      runs of a study, in processes or on a Dask cluster; resumes a stopped study
 pictures.py    pictures and files of a study
 
-They are part of the package, so that `tselab paper` also works without a checkout. The
-commands are in tselab/studies.py.
+The studies are part of the package, so that `tselab paper` also works without a checkout.
+The commands are in tselab/studies.py.
 """
 
 STUDIES = {  # name: (default number of runs of each case, title)

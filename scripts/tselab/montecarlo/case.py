@@ -11,17 +11,15 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Settings of all cases: initial stiffness 70 % of nominal, front-wheel
-# drive (all manoeuvres have torque on the front axle), and the model of the
-# paper, equations (1) to (4)
-INITIAL_SETTINGS = {
-    **{f"initial_{s}": 0.7 for s in STIFFNESS},
-    "driven_axle": 1,
-    "exact_kinematics_share": 0.0,
-}
+# Settings of all cases: initial stiffness 70 % of nominal; front-wheel drive, because all
+# manoeuvres have torque on the front axle; model of the paper, equations (1) to (4),
+# which has no exact kinematics
+INITIAL_SETTINGS = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
 SCORED_WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
-LINEAR = 0.6  # ratio of tyre force to friction limit above which a tyre is not linear any more
+G = 9.81  # [m/s2]
+LINEAR = 0.6  # max ratio of tyre force to friction limit at which a tyre counts as linear
 
+# Functions that a case may have. Their arguments are explained at the fields of Case
 Builder = Callable[[Config, SimConfig, np.random.Generator], Maneuver]
 Corruption = Callable[[np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
 Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
@@ -34,17 +32,24 @@ class Case:
 
     name: str
     title: str
-    build: Builder  # makes the manoeuvre
+    # function (car, settings of the simulator, random generator) that
+    # returns the manoeuvre
+    build: Builder
     config: Mapping[str, float] = field(default_factory=dict)  # settings of car and estimator
-    # factors on settings of the simulated car that the estimators do not know
+    # factors on settings of the simulated car. The estimators use the
+    # settings without them
     car: Mapping[str, float] = field(default_factory=dict)
     sim: Mapping[str, float] = field(default_factory=dict)  # settings of the simulator
-    draw: Draw | None = None  # returns further settings of the estimator that depend on the seed
-    corrupt: Corruption | None = None  # changes the log; returns which rows are unusable then
+    # function with the arguments of `build` that returns settings of the estimator that
+    # depend on the seed
+    draw: Draw | None = None
+    # function (times, rows, random generator) that falsifies rows of the log in place,
+    # and returns a bool for each row: True if the row is unusable
+    corrupt: Corruption | None = None
     estimators: tuple[str, ...] = ("tse",)
-    windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] where errors are scored
+    windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] windows in which errors are scored
     events: tuple[float, ...] = ()  # [s] times at which the true stiffness changes
-    lasts: float = 0.0  # [s] duration of such a change; 0: it is a step
+    lasts: float = 0.0  # [s] duration of each change in `events`; 0: the changes are steps
 
 
 @dataclass
@@ -54,9 +59,9 @@ class CaseDrive:
     time: np.ndarray  # [s]
     rows: np.ndarray  # the log, as inputs of the library
     truth: np.ndarray  # outputs of the simulator
-    road: np.ndarray  # factor of the road on every stiffness
-    corrupted: np.ndarray  # rows in which the log was falsified
-    about: dict[str, float]  # settings of the case, which override the user's
+    road: np.ndarray  # factor of the road on every stiffness, for each row
+    corrupted: np.ndarray  # (rows,) whether the row was falsified so that it is unusable
+    about: dict[str, float]  # settings of the case, which override those of the user
     config: Config  # settings of the estimator "tse"
     car: Config  # true parameters of the car
     sim: SimConfig
@@ -74,8 +79,9 @@ def simulate_case(
 ) -> CaseDrive:
     """Simulate the drive of a case with a seed.
 
-    `configure`: makes the settings of the estimator "tse" from those of the case, which
-    override the user's. `sim`: the user's settings of the simulator."""
+    `configure`: function that adds the user's settings to those of the case, and returns
+    all settings of the estimator "tse"; settings of the case have precedence. `sim`: the
+    user's settings of the simulator."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
     about: dict[str, float] = {**case.config, "seed": seed}
     car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})

@@ -2,7 +2,7 @@
 stored when it is finished.
 
 A unit of work is a case with a seed. It is a plain tuple, and run_unit() is a plain
-function, so that the results are the same wherever it runs.
+function, so that a unit can be sent to any process and has the same results in each.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tselab.montecarlo.case import Case, CaseDrive, simulate_case
 from tselab.montecarlo.studies import Study
 
 RUNS = "runs.jsonl"
-KEYS = ["case", "estimator", "seed"]
+KEYS = ["case", "estimator", "seed"]  # columns of runs.csv that identify a row
 NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # columns with measured times, which are not reproducible
 
@@ -140,8 +140,8 @@ def run_study(
 
     A line of runs.jsonl has the digest of a unit (Unit.mark), a checksum, and the
     scores. A line that is incomplete because the study was stopped has a wrong
-    checksum, and is ignored. Lines of other plans or of older code are kept, since
-    their plan may run again."""
+    checksum, and is ignored. Lines of other plans or of different code are kept, so that
+    these runs need not be repeated if such a plan runs again."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
@@ -199,8 +199,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
-    """Return the rows of a unit, result(). If it raises, add
-    case and seed to the error."""
+    """Return the rows of scores of a unit, which are the value of result(). If result()
+    raises an error, add case and seed to the message."""
     try:
         return result()
     except UserError:

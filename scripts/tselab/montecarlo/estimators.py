@@ -14,8 +14,9 @@ from tselab.montecarlo import peers
 from tselab.montecarlo.case import INITIAL_SETTINGS, CaseDrive
 from tselab.montecarlo.peers import Known
 
-# Variants of the robust form. The estimator robust-NAME has these settings, which were
-# tried and not chosen.
+# Variants of the robust form, which were tried and not chosen. Key: NAME of the
+# estimator robust-NAME. Value: description, and the settings in which it differs from
+# the robust form.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
         "a single forgetting factor of 0.99, as in equation (17)",
@@ -36,10 +37,10 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "no-limit": ("no limit of the spread", {"spread_max": 2.0}),
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
-PEERS = ("ekf", "known")
-# Estimator -> form of its settings
-FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}
-# Settings of "printed": initial speed of Sec. IV-A of the paper, Euler integration
+PEERS = ("ekf", "known")  # the extended Kalman filters of peers.py
+FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}  # estimator: form of its settings
+# Settings in which "printed" differs from "paper": it starts at the speed of Sec. IV-A of
+# the paper, and integrates by the Euler method
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
@@ -74,21 +75,21 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Return the settings of an estimator. Later ones override earlier ones:
-    INITIAL_SETTINGS, the form, the user's `settings`, those of the case (`about`),
-    those of the estimator."""
+    """Return the settings of an estimator. They are collected in this order, each of
+    which overrides the ones before it: START, the settings of the form, `settings` of the
+    user, settings of the case (`about`), settings of the estimator itself."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
     return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})
 
 
 def is_yours(name: str) -> bool:
-    """Return whether a name means a function of the user, 'module.function'."""
+    """Return whether a name has the form 'module.function' of a function of the user."""
     return all(part.isidentifier() for part in name.split(".")) and "." in name
 
 
 def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
-    """Import a function of the user. Raise UserError if there is none of this name."""
+    """Import a function of the user. Raise UserError if there is no such function."""
     module, _, function = name.rpartition(".")
     try:
         found = getattr(importlib.import_module(module), function)
@@ -104,8 +105,9 @@ def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]
 def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
     """Run a function of the user on a drive.
 
-    The function gets the log and all settings of tse. It returns stiffnesses and sds in N
-    and N/rad, named as the columns of EST.csv. Return them relative to nominal."""
+    The function gets the log and all settings of tse. It returns stiffnesses and sds [N,
+    N/rad], named as the columns of EST.csv. These values are divided by the nominal
+    stiffnesses, as those of the other estimators are."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
@@ -136,8 +138,10 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
     """Return the true covariances of a drive.
 
-    `changes`: for a filter that knows the times of the changes. Its spread is relative to
-    the present stiffness level instead of the initial one."""
+    `changes`: False: each spread (sd of a stiffness from sample to sample) is multiplied
+    by the initial stiffness, since the filter takes it for constant. True: it is not,
+    since a filter that knows the times of the changes multiplies it by the stiffness that
+    it currently estimates."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

@@ -24,8 +24,8 @@ import numpy as np
 from tse.library.core import STIFFNESS, Config, library
 from tse.log.rows import DRIVES, MEASURES
 
-X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips, as in src/model/vehicle.h
+X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)  # indices of the parts of z
+LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
 # Max product of integration step and fastest decay rate. The relative error of a
 # Runge-Kutta step is then below 0.8^5/120
 MAX_STEP_PRODUCT = 0.8
@@ -49,8 +49,8 @@ class Known:
     noise_sd: tuple[float, float, float]  # of accel_x, accel_y [m/s2], yaw_rate [rad/s]
     forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
     held: bool = False  # whether the steering angle is held between rows; otherwise it is linear
-    # [s] times since the first row at which the mean stiffness
-    # changes; only "known" uses them
+    # [s] times, counted from the first row, at which the mean stiffness changes; only the
+    # filter "known" uses them
     changes: tuple[float, ...] = ()
 
 
@@ -106,8 +106,8 @@ def move(
 
 
 def _hold_inputs(u: np.ndarray) -> np.ndarray:
-    """Replace missing inputs by the last known value; before the first
-    known value, by that one."""
+    """Replace each missing input by the last known value before it or, if there is none,
+    by the first known value."""
     last = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], -1), axis=0)
     return np.nan_to_num(np.take_along_axis(u, np.where(last < 0, np.isfinite(u).argmax(0), last), 0))
 
@@ -128,7 +128,7 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    usable[restart, 2] = False  # the yaw rate of a restart is taken from the gyro already
+    usable[restart, 2] = False  # at a restart, the state is set to the measured yaw rate already
     return restart, usable
 
 
@@ -144,9 +144,9 @@ def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray,
 def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
     """Run the filter. Return the estimates after each row, stiffness relative to nominal.
 
-    `kind`: "ekf" has a forgetting factor. "known" has none, but knows the times of
-    changes, and increases the variance of the mean stiffness then. `rows`: as
-    NativeFilter.inputs(); NaN is missing."""
+    `kind`: "ekf" has a forgetting factor. "known" has no forgetting factor, but increases
+    the variance of the mean stiffness at the known times of changes. `rows`: inputs with
+    the fields of NativeFilter.inputs(); NaN is a missing value."""
     c, is_known = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
@@ -186,7 +186,9 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
             for part, variance in ((X, start_x), (EPS, eps)):
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
-        if is_known:  # the spread is proportional to the level, as in the simulator; eps has no correlations
+        if is_known:
+            # the spread is proportional to the stiffness, as in the simulator. The new
+            # eps is not correlated with the other states
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)
@@ -209,8 +211,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
             )
         )
-        # forgetting, equation (17): scale rows and columns of the mean,
-        # up to its initial variance
+        # forgetting, equation (17): scale rows and columns of the mean stiffness in P, so
+        # that its variance grows up to the initial variance
         if len(use) and not is_known:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

@@ -98,7 +98,7 @@ def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFr
 # ---- the paper's figures
 
 
-RED, EDGE = "#c0392b", "#c8ced4"  # the paper's figures have red curves, too
+RED, EDGE = "#c0392b", "#c8ced4"  # colours of the estimates (red, as in the paper) and of the axes
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
 DRAWN_STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
 ERROR = "% of the truth"
@@ -165,9 +165,9 @@ def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
 
 
 def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Draw the longitudinal stiffness relative to nominal, and its standard deviation
-    from sample to sample. The default filter does not estimate the latter; the standard
-    deviation of the mean is drawn instead."""
+    """Draw the longitudinal stiffness relative to nominal, and the standard deviation of
+    the stiffness from sample to sample. For the default filter, which does not estimate
+    this standard deviation, draw that of the mean stiffness instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
     axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
@@ -221,7 +221,7 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
     """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    if plan.study.base not in ("paper", "robust"):  # tables of these studies contain everything
+    if plan.study.base not in ("paper", "robust"):  # their own tables already contain these scores
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)
     text = format_markdown(plan, facts, tables)
@@ -247,7 +247,8 @@ def format_command(plan: StudyPlan) -> str:
 
 
 def list_run_facts(plan: StudyPlan, lines: pd.DataFrame) -> list[tuple[str, str]]:
-    """Return how the study was run, and how long it took, as pairs of name and text."""
+    """Return facts about the study as pairs of name and text: runs, settings, command,
+    library, and computing time."""
     lib, first = library(), lines.iloc[0]
     seeds = f"seeds {plan.seeds[0]} .. {plan.seeds[-1]}" if plan.runs > 1 else f"seed {plan.first_seed}"
     settings = [f"{k} = {v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]

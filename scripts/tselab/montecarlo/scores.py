@@ -1,15 +1,18 @@
 """Score one estimator on one drive. The scores are a row of numbers. All errors are
 relative to the true mean stiffness in the same row. For tyres that saturate, the truth is
-the secant stiffness, because that is what an estimator with a linear tyre model converges
-to (compute_felt_stiffness()).
+the secant stiffness, because an estimator with a linear tyre model converges to it
+(compute_felt_stiffness()).
 
 A wrong estimate, or one that is flagged as not valid, counts against an estimator only if
 the stiffness was observable. Observability is computed from the truth. The noise-free
-slips give the regressor phi of each stiffness (src/paper/row.c does the same from
-estimates). The variance of phi over the last two memories gives the best sd that an
-estimate of the mean can have:
+slips give the regressor phi of each stiffness (src/paper/row.c computes phi from
+estimates). A filter with a forgetting factor has a memory of 1/(1 - forgetting) rows. The
+variance of phi over the last two memories gives the smallest sd that an estimate of the
+mean stiffness can have:
 
-    sqrt((1 + E[phi^2] spread^2)/(memory var phi))
+    sqrt((1 + E[phi^2] * spread^2) / (memory * var(phi)))
+
+where spread is the sd of the stiffness from sample to sample.
 """
 
 import itertools
@@ -24,14 +27,14 @@ from tse.log.rows import MEASURES
 from tselab.montecarlo.case import LINEAR, Case, CaseDrive
 from tselab.montecarlo.peers import LOW_SPEED
 
-# An estimate has diverged if its relative error exceeds the first number for longer than
-# the second [s]
+# An estimate has diverged if its relative error exceeds DIVERGED_ERROR for longer than
+# DIVERGED_FOR [s]
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
-SETTLE_AFTER = 10.0  # [s] time after start, event or disturbance in which errors do not count
-VALID_AFTER = 5.0  # [s] time after the start in which the valid flag does not count
+SETTLE_AFTER = 10.0  # [s] errors do not count for this time after the start, an event or a disturbance
+VALID_AFTER = 5.0  # [s] the valid flag does not count for this time after the start
 CLOSE = 0.10  # max relative error of an estimate that has settled, or counts as right
-# A stiffness is clearly observable if its best-case sd is below valid_sd/CLEARLY, and
-# clearly unobservable above valid_sd CLEARLY. Rows in between are not scored
+# A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
+# clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
 REVERSE_SPEED = -0.1  # [m/s] as in src/estimator/filter.c
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
@@ -39,32 +42,39 @@ SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", 
 SURE = 0.9  # min probability of a change of regime that counts as reported
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes that are closer together count as one
-# [s] a reported change is correct if it is at most this much earlier,
-# or later, than a true one
+# [s] a reported change is correct if its time is at most BEFORE earlier, or at most AFTER
+# later, than that of a true change
 BEFORE, AFTER = (0.15, 2.0)
-# Relative error above which a valid flag is wrong; [s] time after an event in which rows
-# with a wrong valid flag are counted
+# OFF: relative error above which a valid flag is wrong. OFF_FOR: [s] time after an event
+# in which rows with a wrong valid flag are counted
 OFF, OFF_FOR = 0.20, 60.0
-UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # correct if not observable
+# reasons for "not valid" that are correct if the stiffness is not observable
+UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
 
 
 @dataclass
 class Knowable:
-    """What an estimator can know in each row of a drive, computed from the truth."""
+    """How well the stiffnesses can be estimated in each of the n rows of a drive,
+    computed from the truth. The three columns of an array are the stiffnesses."""
 
-    best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf if nothing is learnt
-    level: np.ndarray  # (n, 3) true mean stiffness (secant of rows in the linear range) over nominal
+    best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: the row is not learnt from
+    # (n, 3) ratio of true mean stiffness to nominal. If tyres saturate: of the secant
+    # stiffness, averaged over rows in the linear range
+    level: np.ndarray
     corrupted: np.ndarray  # (n,) whether the log was falsified
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
-    settled: np.ndarray  # (n,) whether start, events and disturbances are long enough ago
-    valid_sd: float  # the setting: max relative sd of a valid stiffness
-    secant: np.ndarray | None = None  # (n, 3) as level, but with rows beyond the linear range
+    # (n,) whether the last event or disturbance was at least SETTLE_AFTER ago, and the
+    # start also at least two memories ago
+    settled: np.ndarray
+    valid_sd: float  # setting of this name: max relative sd of a valid stiffness
+    # (n, 3) as `level`, but averaged over all rows, also those beyond the linear range
+    secant: np.ndarray | None = None
 
     @property
     def observable(self) -> np.ndarray:
-        """(n, 3) whether the stiffness is clearly observable. The best-case sd
-        must be small relative to nominal, as in the valid flag, and relative to
-        the truth, as in errors."""
+        """(n, 3) whether the stiffness is clearly observable. The best-case sd must be
+        small relative to both the nominal stiffness, to which the valid flag refers, and
+        the truth, to which errors refer."""
         return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
 
     @property
@@ -86,8 +96,9 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
     -------
     tuple
         (n, 3) regressor phi: derivative of the acceleration with respect to the relative
-        deviation of each stiffness, over the true noise sd. (n, 2) force of a linear tyre
-        over the friction limit, front and rear axle; 0 without friction limit.
+        deviation of each stiffness, divided by the true noise sd. (n, 2) utilisation:
+        ratio of the force of a linear tyre to the friction limit, front and rear axle; 0
+        if friction is not limited.
     """
     c, truth = d.car, d.truth
     vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
@@ -122,10 +133,10 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_grip(use: np.ndarray) -> np.ndarray:
-    """Return the ratio of secant stiffness to stiffness of the simulator's tyre, as
-    grip() in src/host/simulate.c.
+    """Return the ratio of secant stiffness to stiffness at zero slip for the tyre of the
+    simulator, by the formula of grip() in src/host/simulate.c.
 
-    `use`: force of a linear tyre over the friction limit."""
+    `use`: ratio of the force of a linear tyre to the friction limit."""
     z = use / 3
     return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
 
@@ -138,12 +149,12 @@ def compute_felt_stiffness(
     memory: float,
     linear: float = LINEAR,
 ) -> np.ndarray:
-    """Return the stiffness (n, 3) to which a least-squares fit of a linear tyre over the
-    memory converges: the mean secant stiffness, weighted with phi^2.
+    """Return the stiffness (n, 3) to which a least-squares fit of a linear tyre to the
+    last `memory` rows converges: the mean secant stiffness, weighted with phi^2.
 
-    `mean`: true stiffness. `phi`, `use`: from compute_regressors(). `learning`: rows from
-    which an estimator learns. `memory`: in rows. `linear`: rows with larger `use` are
-    left out, because no estimator should learn from them."""
+    `mean`: true stiffness. `phi`, `use`: from compute_regressors(). `learning`: whether
+    an estimator learns from each row. `memory`: number of rows. `linear`: rows with
+    larger `use` are left out, because no estimator should learn from them."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
@@ -162,8 +173,8 @@ def compute_felt_stiffness(
 
 
 def compute_running_mean(x: np.ndarray, window: float) -> np.ndarray:
-    """Return the mean of all values up to each row, with exponential forgetting: the gain
-    is 1/min(window, number of rows so far)."""
+    """Return for each row the mean of all values up to this row, with exponential
+    forgetting: the gain is 1 / min(window, number of rows so far)."""
     first = min(len(x), int(window))
     start = np.cumsum(x[:first]) / np.arange(1, first + 1)
     if first == len(x):
@@ -177,8 +188,8 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
     """Return the best-case sd (n,) of the mean of one stiffness, relative to nominal; inf
     in rows from which an estimator does not learn.
 
-    `phi`: regressor of this stiffness. `learning`: rows from which an estimator learns.
-    `spread`: sd of the stiffness from sample to sample. `memory`: in rows."""
+    `phi`: regressor of this stiffness. `learning`: whether an estimator learns from each
+    row. `spread`: sd of the stiffness from sample to sample. `memory`: number of rows."""
     sd = np.full(len(phi), np.inf)
     x = phi[learning]
     square = compute_running_mean(x**2, 2 * memory)
@@ -189,14 +200,14 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
 
 
 def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Return whether each row is at least `wait` seconds after the latest of the sorted
-    times `moments` before it."""
+    """Return for each row True if the latest of the times `moments` before it is at least
+    `wait` seconds ago, or if there is none. `moments`: sorted in ascending order, s."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
 
 def find_knowable(d: CaseDrive, case: Case) -> Knowable:
-    """Compute from the truth what an estimator can know in each row."""
+    """Compute from the truth how well the stiffnesses can be estimated in each row."""
     c = d.config
     phi, use = compute_regressors(d)
     wheels = np.column_stack(
@@ -217,7 +228,7 @@ def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    # until then, an estimator that gives the reason "starting" is right
+    # before this time, "starting" is a correct reason for "not valid"
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
@@ -269,8 +280,8 @@ def _compute_mean(x: np.ndarray) -> float:
 
 
 def compute_log_time(d: CaseDrive) -> np.ndarray:
-    """Return the time of each row from the time steps of the log, s. It includes pauses
-    between parts of a drive."""
+    """Return the time of each row [s] as the sum of the time steps of the log. It
+    includes pauses between parts of a drive, unlike the time of the drive."""
     now = np.cumsum(d.rows["dt"].astype(float))
     return now - now[0]
 
@@ -289,9 +300,9 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes: numbers of reported and of false changes; for
-    each event the time until it is detected, the time until all stiffnesses have settled,
-    and for how long a stiffness was flagged valid in spite of a large error."""
+    """Return the scores of regime changes: numbers of reported and of false changes. For
+    each event: time until the event is detected, time until all stiffnesses have settled,
+    and total time in which a stiffness was flagged valid in spite of a large error, s."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(
@@ -326,8 +337,9 @@ def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -
 
 
 def score_run(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of one run, in percent. A share is two numbers of rows, numerator
-    and denominator, so that runs can be pooled."""
+    """Return the scores of one run. Errors of a stiffness are in percent, their mean
+    squares in percent squared. A share is given as two numbers of rows, numerator and
+    denominator, so that the shares of several runs can be pooled."""
     time, step = d.time, d.config.sample_time
     window = find_rows_inside(time, case.windows)
     truth = k.level

@@ -122,8 +122,8 @@ def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
     return replace(m, wheel_torque_front=torque)
 
 
-# [m/s] mean and sd of the initial speed in the paper (x0, P0). The initial lateral
-# velocity has the same sd
+# [m/s] mean and sd of the initial speed in the paper, where they are called x0 and P0.
+# The initial lateral velocity has the same sd
 PAPER_SPEED, PAPER_SD = 22.0, 1.0
 APPROACH, LANES_END = 10.0, 48.0  # [s] end of the straight approach, end of the drive
 
@@ -172,8 +172,8 @@ def drive_slow_change(
     """Return square waves in which every stiffness changes linearly from nominal to
     `level` times nominal.
 
-    `start`, `length` [s]: of this change. `after` [s]: from its end
-    to the end of the drive."""
+    `start`, `length`: start and duration of the change [s]. `after`: time from the end of
+    the change to the end of the drive [s]."""
     m = drive_square_waves(car, sim, rng, duration=start + length + after)
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
@@ -184,10 +184,10 @@ LANE_PERIOD = (6.0, 12.0)  # [s] range of the periods of steering while keeping 
 def _make_waves(
     t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
 ) -> np.ndarray:
-    """Return the sum of two sines of random period and phase. Their amplitudes add up to
-    a random number.
+    """Return the sum of two sines of random period and phase. The sum of their amplitudes
+    is random, too.
 
-    `size`: range of this number. `period`: range of the periods, s."""
+    `size`: range of the sum of the amplitudes. `period`: range of the periods, s."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
 
@@ -235,20 +235,21 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
     return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
 
 
-# ---- Faults of logs. Each function changes the rows in place, and returns which of them
-# are unusable.
+# ---- Faults of logs. Each function changes the rows in place, and returns a bool for
+# each row: True if the row is unusable.
 
 
-LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of a dropout or a frozen channel
-# [s] start of the first slot, length of a slot, and max delay of the fault in its slot.
-# Each slot has one fault, and the rest of the slot shows its consequences
+LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of the four faults (dropout or frozen channel) in a log
+# [s] The faults are in consecutive slots of the log, one in each. FIRST: start of the
+# first slot. SLOT: length of a slot. JITTER: max time from the start of the slot to its
+# fault. In the remaining time of the slot the consequences of the fault are scored
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
 
 def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, int]]:
-    """Return a range of rows [a, b) for a fault of each of LENGTHS, in random order and
-    at random times."""
+    """Return a range of rows [a, b) for each fault. The faults have the durations LENGTHS
+    in random order, and random start times within their slots."""
     found = []
     for slot, length in enumerate(rng.permutation(LENGTHS)):
         start = FIRST + SLOT * slot + rng.uniform(0, JITTER)
@@ -258,7 +259,7 @@ def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[
 
 
 def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """Remove the values of a channel for each of LENGTHS."""
+    """Remove the values of a channel in one interval for each duration of LENGTHS."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = np.nan
@@ -267,7 +268,8 @@ def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, c
 
 
 def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """Let a channel repeat its last value for each of LENGTHS."""
+    """Let a channel repeat its last value in one interval for each
+    duration of LENGTHS."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = rows[channel][a - 1]
@@ -296,7 +298,7 @@ DEGREE = np.pi / 180
 class Study:
     """A study: a list of cases."""
 
-    name: str  # may add estimators to all cases: "stress+ekf"
+    name: str  # with names of estimators that are added to all cases, such as "stress+ekf"
     title: str
     runs: int  # default number of runs of each case
     cases: tuple[Case, ...]
@@ -316,7 +318,7 @@ def _make_square_waves(duration: float = 30.0, **more: object) -> partial:
 
 
 def _draw_paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
-    """Return an initial speed with an error of 1 m/s sd."""
+    """Return the setting of the initial speed, which has a random error of 1 m/s sd."""
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
@@ -495,7 +497,8 @@ def _make_stress_cases() -> tuple[Case, ...]:
     )
 
 
-SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # [s] slow change: duration, start, time after it
+# [s] slow change: duration, start, and time from its end to the end of the drive
+SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 
 
 def _make_regime_cases() -> tuple[Case, ...]:
@@ -545,9 +548,9 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Return the cases of the paper: Sec. IV-A with inputs that are linear between rows,
-    and with inputs that are held; a simulation of the experiment of Sec. IV-B with a
-    prior that is 20 % too low, and with one that is 20 % too high."""
+    """Return the cases of the paper. Sec. IV-A: one with inputs that are linear between
+    rows, one with held inputs. Sec. IV-B, a simulation of the experiment: one with an
+    initial stiffness that is 20 % too low, one with 20 % too high."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
@@ -614,10 +617,10 @@ def _make_cases() -> dict[str, tuple[Case, ...]]:
 
 
 def make_study(name: str, cases: tuple[str, ...] = ()) -> Study:
-    """Return a study.
+    """Return a study. Raise UserError for an unknown name.
 
-    `name`: of the study, with further estimators after "+". `cases`: names of the cases;
-    empty: all. Raise UserError for an unknown name."""
+    `name`: name of the study, and names of further estimators, each after a "+".
+    `cases`: names of the cases; empty: all cases."""
     base, *added = name.split("+")
     if base not in STUDIES:
         raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")

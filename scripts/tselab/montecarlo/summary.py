@@ -41,16 +41,16 @@ class Table:
 
 
 def compute_rms(squares: np.ndarray) -> np.ndarray:
-    """Return the RMS along the last axis, from squares."""
+    """Return the RMS along the last axis of an array of squared values."""
     return np.sqrt(squares.mean(axis=-1))
 
 
 def bootstrap_interval(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
-    """Return the bootstrap percentile interval of a statistic. Runs, along the last axis
-    of `values`, are resampled with replacement; all values of a run stay together. NaN:
-    there are fewer than two runs."""
+    """Return the bootstrap percentile interval of a statistic, or NaN for fewer than two
+    runs. The last axis of `values` is the number of the run. Whole runs are resampled
+    with replacement, so that all values of a run stay together."""
     values = np.asarray(values, float)
     n = values.shape[-1]
     if n < 2:
@@ -63,13 +63,13 @@ def bootstrap_interval(
 def compute_rms_ratio(pair: np.ndarray) -> np.ndarray:
     """Return the ratio of two RMS values.
 
-    `pair`: squares of the numerator, and of the denominator."""
+    `pair`: squared values of the numerator, and of the denominator."""
     return compute_rms(pair[0]) / compute_rms(pair[1])
 
 
 def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
-    """Return the mean, and half the width of its t interval; NaN
-    for fewer than two values."""
+    """Return the mean, and half the width of its t interval. The width is NaN for fewer
+    than two values, the mean is NaN for none."""
     values = np.asarray(values, float)
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
@@ -77,7 +77,7 @@ def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
 
 
 def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """Return the exact interval of a share, `k` of `n`."""
+    """Return the exact confidence interval of a share, estimated as k / n."""
     interval = stats.binomtest(k, n).proportion_ci(CONFIDENCE, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -182,9 +182,10 @@ def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") ->
 
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
-    """Return two cells with times after an event, median and longest run: until the error
-    is small for SETTLED_FOR, and until it stays small for the rest. They are those of the
-    slowest stiffness."""
+    """Return two cells with settling times after an event. First cell: time until the
+    error is small for SETTLED_FOR. Second cell: time until the error stays small up to
+    the next event. Each cell has the median of the runs and, in brackets, the max, both
+    for the stiffness that settles last."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -211,17 +212,19 @@ WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
 LEGEND = (
     "Triples are Cx front, Cy front, Cy rear, in % of the true mean stiffness, in the score window of the "
     "case. Diverged: number of runs in which the error of a stiffness exceeded "
-    f"{WRONG} without a break, for more than {DIVERGED_FOR:g} s of rows in which it was clearly observable; "
-    f"rows less than {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance do not count. "
-    "Any: the same, whether observable or not. RMS and bias are without refused rows, which have no "
-    "estimate. Covered: share of rows whose 95 % interval contains the truth. False valid: share of the "
-    f"rows flagged valid in which the error exceeds {WRONG}. False invalid: share of the rows in which the "
-    f"stiffness was clearly observable and its error below {100 * scores.CLOSE:.0f} %, but which are not "
-    "flagged valid. Reason right: share of the rows in which it was clearly unobservable, and which give "
-    "that as the reason. Faults reported: share of the rows with a missing or frozen channel which are not "
-    "flagged valid, or have the status that a measurement is missing. Seen: share of rows in which the "
-    "spread is flagged as estimated. Noise: ratio of the estimated noise sd to the setting, for accel_x, "
-    "accel_y, yaw_rate. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    f"{WRONG} without a break for more than {DIVERGED_FOR:g} s. Only rows in which the stiffness was clearly "
+    f"observable count, and no rows less than {scores.SETTLE_AFTER:g} s after the start, a change or a "
+    "disturbance. Any: the same, but rows count whether the stiffness was observable or not. RMS and bias "
+    "are those of the rows that were not refused. Covered: share of rows whose 95 % interval contains the "
+    "truth. Spread: estimated sd of the stiffness from sample to sample; for the default filter, size of "
+    "the model discrepancy. Seen: share of rows in which the spread is flagged as estimated. Noise: ratio "
+    "of the estimated noise sd to the setting, for accel_x, "
+    f"accel_y, yaw_rate. False valid: of the rows flagged valid, share in which the error exceeds {WRONG}. "
+    "False invalid: of the rows in which the stiffness was clearly observable and its error below "
+    f"{100 * scores.CLOSE:.0f} %, share not flagged valid. Reason right: of the rows in which the stiffness "
+    "was clearly unobservable, share whose reason for not valid says so. Faults reported: of the rows with a "
+    "missing or frozen channel, share that is not flagged valid or has the status that a measurement is "
+    "missing. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 
@@ -276,8 +279,9 @@ def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
 # ---- tables that only one study has
 
 SETTLING_NOTE = (
-    f"Times until the error of the slowest stiffness is below 10 % for {SETTLED_FOR:g} s and, for good, "
-    "until it stays below 10 % up to the next change or the end of the run."
+    "Times are those of the stiffness that settles last. s to 10 %: until its error is below 10 % for "
+    f"{SETTLED_FOR:g} s. For good: until its error stays below 10 % up to the next change or the end of the "
+    "run."
 )
 
 
@@ -313,8 +317,8 @@ PAPERS = ("printed", "robust", "tse")
 
 
 def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return a table that compares the numbers in the paper
-    with those of three filters."""
+    """Return a table that compares the numbers in the paper with the results of three
+    filters."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
@@ -436,7 +440,8 @@ def _tabulate_lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
 
 
 def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return a table for each case: all variants of the robust form, in each window."""
+    """Return a table for each case, with the scores of all variants of the robust form in
+    each window."""
     tables = []
     for case in plan.study.cases:
         rows = []
@@ -523,17 +528,18 @@ def _tabulate_peers(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
         "estimator",
         "diverged",
         "RMS error",
-        *(f"{h} over EKF" for h in HEADS.values()),
+        *(f"{h} / EKF" for h in HEADS.values()),
         "bias",
         "covered",
         "s to 10 % after the change",
         "µs a step",
-        "over EKF",
+        "time / EKF",
     ]
     text = (
-        "RMS error in 15 .. 30 s. Ratios are those on the same data, with paired bootstrap intervals (95 "
-        "%). After the change: time until the error of the slowest stiffness is below 10 % for 1 s, median "
-        "run (longest). ekf and known are written in Python; their times in C are not measured. "
+        "RMS error in 15 .. 30 s. Cx front / EKF ...: ratio of the RMS error to that of the estimator ekf on "
+        "the same data, with paired bootstrap intervals (95 %). After the change: time until the error of "
+        "the stiffness that settles last is below 10 % for 1 s, median run (longest). ekf and known are "
+        "written in Python; their times in C are not measured. "
         f"ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
     )
     return [Table("Comparison with an EKF", head, rows, 2, text)]
@@ -543,8 +549,8 @@ def _tabulate_peers(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
 
 
 def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Table]:
-    """Return a table of the ratio of RMS errors, of each estimator to the estimator
-    `base`, in each window of each case that has both."""
+    """Return a table of ratios: RMS error of an estimator / RMS error of the estimator
+    `base`. It has a row for each case, estimator and window."""
     rows = []
     for case in plan.study.cases:
         below = select_runs(runs, case.name, base)
@@ -558,7 +564,7 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                     for k in STIFFNESS
                 ]
                 if not np.isfinite(pairs).any():
-                    continue  # an estimator without these scores
+                    continue  # one of the two estimators has no such scores
                 cells = [
                     f"{compute_rms_ratio(p):.2f} "
                     f"({' .. '.join(map(format_number, bootstrap_interval(p, compute_rms_ratio)))})"
@@ -567,7 +573,10 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                 rms = [", ".join(format_number(float(compute_rms(p[i]))) for p in pairs) for i in (0, 1)]
                 rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
     head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
-    text = f"Ratios on the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
+    text = (
+        f"RMS error of the estimator / RMS error of {base} on the same data, with paired bootstrap intervals "
+        f"(95 %). {base}: {TEXTS[base]}."
+    )
     return [Table(f"Ratio of the RMS error to that of {base}", head, rows, 2, text)] if rows else []
 
 
@@ -584,8 +593,9 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Format the times of all runs: median (longest), or median (never: number of runs in
-    which it did not happen)."""
+    """Format the times of all runs until something happens as "median (max)". If it did
+    not happen in some runs, whose time is inf, the result is "median (never: number of
+    these runs)"."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
@@ -610,10 +620,10 @@ def _tabulate_after(plan: StudyPlan, runs: pd.DataFrame) -> Table:
     ]
     head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
     text = (
-        "Times are those of the median run (longest). Detected: until the estimator reports the change of "
-        f"regime with a probability above {100 * SURE:g} %. Within 10 %: until the errors of all three "
-        f"stiffnesses are below 10 % for {SETTLED_FOR:g} s. Valid and off: for how long, in the "
-        f"{OFF_FOR:g} s after the change, a stiffness is flagged valid although its error exceeds "
+        "Times are those of the median run (longest). Detected: time until the estimator reports the change "
+        f"of regime with a probability above {100 * SURE:g} %. Within 10 %: time until the errors of all "
+        f"three stiffnesses are below 10 % for {SETTLED_FOR:g} s. Valid and off: total time, within the "
+        f"{OFF_FOR:g} s after the change, in which a stiffness is flagged valid although its error exceeds "
         f"{100 * OFF:g} %."
     )
     return Table("After a change of the road", head, rows, 2, text)
