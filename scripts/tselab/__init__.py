@@ -4,9 +4,10 @@
 import os
 import sys
 
-# OpenBLAS runs with one thread: for the small matrices of tse, threads cost more time
-# than they save, and --jobs already runs processes. The variable is read when NumPy is
-# imported. If a program has already imported tse, it is left as it is.
+# Let OpenBLAS run with one thread. The matrices of tse are so small that more threads
+# cost more time than they save, and --jobs already runs several processes. OpenBLAS reads
+# the variable when NumPy is imported. If a program has already imported tse, the variable
+# is not changed.
 if "tse" not in sys.modules:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -4,8 +4,8 @@ import sys
 
 
 def main() -> None:
-    """Run the command. If a Python package that it needs is missing, print
-    its name and exit with 2."""
+    """Run the command. If it needs a Python package that is not installed, print the name
+    of the package and exit with code 2."""
     try:
         from tselab.cli import main as command
     except ModuleNotFoundError as error:

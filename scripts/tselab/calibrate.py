@@ -85,29 +85,30 @@ def calibrate(
     relative to the gyro, steering ratio, offset and lag, wheel radii, position, mounting
     angles and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia,
     stiffness, and the noise of the sensors. Their prior is the distribution among
-    passenger cars. A measured velocity (columns ins_vel_x, ins_vel_y, gnss_speed) is
-    fitted, too. A parameter that these logs do not determine is listed; it keeps its
-    prior, which widens the intervals of later estimates. The last lines say which
-    measurement would improve the axles most.
+    passenger cars. If the logs have a measured velocity (columns ins_vel_x, ins_vel_y,
+    gnss_speed), the simulation is fitted to it, too. A parameter that these logs do not
+    determine is listed. It keeps its prior, which widens the intervals of later
+    estimates. The last lines say which measurement would shorten the intervals of the
+    cornering stiffnesses most.
 
     Half an hour of driving with bends and some braking is a good start. A second
     calibration, with --vehicle calibrated.toml and other logs, starts from the result of
-    the first. With --road, bank and grade of the road are known and not fitted.
+    the first. With --road, bank and grade are those of ROAD.csv, and are not fitted.
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
-    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one. It is part
-                               of the simulation, and not fitted
+    CALIBRATED.formula.toml    copy of the formula of the vehicle file, if it has one. The
+                               simulation contains the formula, the fit does not change it
     CALIBRATED.json            all parameters, for programs
     CALIBRATED.html            the same for people; --report changes its path
 
-    --json prints all parameters on standard output, --table writes
-    a row for each parameter.
+    --json prints all parameters on standard output, --table writes a table with a row for
+    each parameter.
 
     Exit code: 0 usable: the fit converged, and these logs determine some parameter; 4 the
-    fit converged, but these logs determine no parameter, or less than 20 s of them can be
-    compared with a simulation; 12 the fit did not converge (the files are written all the
-    same); 2 bad input; 130 Ctrl-C.
+    fit converged, but these logs determine no parameter, or less than 20 s of the logs
+    can be compared with a simulation; 12 the fit did not converge (the files are written
+    all the same); 2 bad input; 130 Ctrl-C.
     """
     import tse
     from tse.files import check_distinct, check_writable

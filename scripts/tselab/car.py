@@ -15,7 +15,8 @@ from tselab.options import FILE, JSON, print_json
 @click.option(
     "--simulated",
     is_flag=True,
-    help="Print the car of 'tselab simulate', without uncertainty: for its logs only.",
+    help="Print the vehicle file of the simulated car, whose parameters have no uncertainty. Use it only "
+    "for logs of 'tselab simulate'.",
 )
 @click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the settings as a C header.")
 @JSON
@@ -28,8 +29,8 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
     tselab vehicle calibrated.toml --c car.h
 
     In C, call tse_config_default(&c), then tse_config_car(&c), which car.h defines. The
-    settings are then those with which 'tselab estimate' runs at 100 Hz. car.h is for any
-    number format of the library.
+    settings are then those with which 'tselab estimate' runs at 100 Hz. car.h can be used
+    with every number format of the library.
     """
     import tse
     from tse import tables
@@ -103,7 +104,8 @@ class FormulaCommand(click.Command):
         }
         with formatter.section("Places"):
             formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in tables.formula_places().values()])
-        hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}  # written as operators and digits
+        # operations that a formula writes as operators or digits, not by these names
+        hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}
         for kind, title in kinds.items():
             with formatter.section(title):
                 ops = [
@@ -121,7 +123,7 @@ class FormulaCommand(click.Command):
     "header",
     metavar="OUT.h",
     type=FILE,
-    help="Also write it as a C header, for a build with -DTSE_FORMULA=OUT.h.",
+    help="Also write the formula as a C header, for a build with -DTSE_FORMULA=OUT.h.",
 )
 @JSON
 def formula(path: Path, header: Path | None, as_json: bool) -> None:

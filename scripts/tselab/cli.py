@@ -1,5 +1,6 @@
-"""The command `tselab`: its list of subcommands, and exit codes for errors. A subcommand
-is in a module of tselab, which is imported only when the subcommand is called."""
+"""The command `tselab`: the list of its subcommands, and the exit codes for errors. Each
+subcommand is defined in a module of tselab. The module is imported only when the
+subcommand is called."""
 
 import contextlib
 import importlib
@@ -13,7 +14,8 @@ import click
 from tse import __version__
 from tse.errors import Error, Interrupted
 
-COMMANDS = {  # name of the subcommand: its module in tselab, its line in --help
+# Key: name of the subcommand. Value: module of tselab that defines it, line in --help
+COMMANDS = {
     "calibrate": ("calibrate", "Calibrate the parameters of a car on its logs."),
     "demo": ("demo", "Simulate a drive, estimate, read an MF4, find a hidden effect."),
     "estimate": ("estimate", "Estimate tyre stiffness from LOG."),
@@ -24,7 +26,7 @@ COMMANDS = {  # name of the subcommand: its module in tselab, its line in --help
     "live": ("live", "Estimate while driving, from a CAN bus."),
     "montecarlo": ("studies", "Monte-Carlo studies: accuracy, peers, stress ..."),
     "paper": ("studies", "Reproduce the figures of the paper with three filters."),
-    "replay": ("replay", "Compare a log with a simulation of the car along it."),
+    "replay": ("replay", "Compare a log with a simulation that has the logged inputs."),
     "settings": ("car", "List all settings."),
     "signals": ("signals", "List the signals of a log, and propose signals.toml."),
     "simulate": ("simulate", "Simulate a manoeuvre: log and truth."),
@@ -88,8 +90,8 @@ def cli(debug: bool) -> None:
 
 
 def _discard_stdout() -> None:
-    """Redirect standard output to the null device. Without it, Python prints an error at
-    exit because it cannot flush its buffer to the closed terminal."""
+    """Redirect standard output to the null device. Otherwise Python would try again to
+    write its output buffer at exit, fail, and print a second error."""
     with contextlib.suppress(OSError, ValueError):  # standard output may have no file descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -100,13 +102,14 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # the encoding of the terminal may not have every letter, for
-        # instance of the name of a car
+        # print characters that the encoding of the terminal lacks as escape sequences;
+        # the name of a car, for instance, may have such characters
         sys.stdout.reconfigure(errors="backslashreplace")
-    # limit the memory for reading logs, here and in worker processes:
-    # tse.readers.recording
+    # tse.readers.recording then limits the memory for reading logs, in this process and
+    # in worker processes
     os.environ["TSE_HOLD_MEMORY"] = "1"
-    # Arrow's own memory pool reserves a gigabyte of address space at its start
+    # use the memory allocator of the system: Arrow's own pool reserves a gigabyte of
+    # address space at its start
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     try:
         code = cli.main(standalone_mode=False)
@@ -134,8 +137,8 @@ def main() -> None:
     except Exception as error:
         from tse.files import explain_write_error
 
-        # write_atomically() reports failed writes of results. Here standard output or a
-        # temporary file could not be written
+        # for a file of results, write_atomically() has already raised Error. An OSError
+        # that arrives here comes from standard output or a temporary file
         if reason := explain_write_error(error):
             _discard_stdout()
             where = getattr(error, "filename", None) or "the output"

@@ -1,6 +1,6 @@
 """The command `tselab demo`. It simulates a drive, estimates it, and compares the result
-with the truth. It does the same with an MF4 that has other signal names, units, rates and
-latencies. Then it finds an effect that the model of a second car lacks."""
+with the truth. It estimates the same drive from an MF4 with other signal names, units,
+rates and latencies. Then it finds an effect that the model of a second car lacks."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
 
 DRIVE_TIME = 72.0  # [s] duration of the drive
-ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness after it
-SETTLED = 10.0  # [s] rows before this time are not part of the printed errors
-LAST = 12.0  # [s] length of the end of the drive, for which errors are printed
-INITIAL_RATIO = 0.8  # initial estimate of every stiffness over its nominal value
+ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness from then on
+SETTLED = 10.0  # [s] the printed errors do not include rows before this time
+LAST = 12.0  # [s] duration of the last part of the drive, whose errors are printed separately
+INITIAL_RATIO = 0.8  # ratio of the initial estimate of every stiffness to its nominal value
 
 
 # Effect that `tselab gap` has to find in the logs of a second car: the body rolls on its
@@ -87,7 +87,7 @@ GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-STIFFNESS_SPREAD = 0.02  # sd of the stiffness from sample to sample, share of its mean
+STIFFNESS_SPREAD = 0.02  # sd of the stiffness from sample to sample, as a fraction of the mean stiffness
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
 
@@ -114,7 +114,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
         seed=seed,
         duration=DRIVE_TIME,
         road_changes=[ROAD_CHANGE],
-        settings={"wheel_speed_sd": WHEEL_NOISE},  # without noise, the filter takes them for frozen
+        # without noise, the filter would treat the wheel speeds as frozen signals
+        settings={"wheel_speed_sd": WHEEL_NOISE},
         bar=progress,
     )
     drive.write(out / "log.csv", out / "truth.csv", with_ref=True)
@@ -153,8 +154,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
 
 
 def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
-    """Write logs of a car with a hidden effect, run `tselab gap` on them, and print the
-    hidden and the named effect."""
+    """Write logs of a car with a hidden effect, run the workflow of `tselab gap` on them,
+    and print the hidden effect and the effect that the workflow names."""
     make_directory(out)
     path = out / "car.toml"
     with write_atomically(path) as file:
@@ -191,20 +192,20 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
         click.echo(f"  {line}")
     (before, after), (held_before, held_after) = (found.rms[part]["accel_y"] for part in ("fit", "held_out"))
     click.echo(
-        f"Residual of accel_y over sensor noise: {before:.2f} before, {after:.2f} after; in the held-out "
-        f"manoeuvre {held_before:.2f} before, {held_after:.2f} after.\n"
+        f"Ratio of the accel_y residual to the sensor noise: {before:.2f} without the named effect, "
+        f"{after:.2f} with it; in the held-out manoeuvre {held_before:.2f} and {held_after:.2f}.\n"
         f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ..."
     )
 
 
-# ---- the same drive as an MF4 of a data logger, and what a user does with it
+# ---- Write the same drive as an MF4 of a data logger, propose its signals, estimate
 
 
 RATIO = 15.3  # steering ratio
 TRACK = 1.55  # [m] track width
-DEG_PER_RAD, STANDARD_GRAVITY = 180 / np.pi, 9.80665
-# Groups of the MF4. Name: only every n-th row of the log is an entry; latency [s];
-# signals and their units
+DEG_PER_RAD, STANDARD_GRAVITY = 180 / np.pi, 9.80665  # degrees per radian; standard gravity [m/s2]
+# Channel groups of the MF4. Key: name of the group. Value: n, if the group has every n-th
+# row of the log; latency [s]; unit of each signal of the group
 GROUPS = {
     "LWI": (4, 0.030, {"LWI_Lenkradwinkel": "deg"}),
     "ESP_wheels": (2, 0.040, dict.fromkeys(("ESP_VL", "ESP_VR", "ESP_HL", "ESP_HR"), "km/h")),

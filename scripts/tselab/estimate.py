@@ -163,23 +163,25 @@ def estimate(
     Further keys of a channel: scale, offset, sign_bit, add (a signal whose value is
     added), radius (wheel radius, m), valid and counter (signals of the same message that
     mark values as valid, and count messages), clock (time by which the clock of its group
-    is ahead of the others, s), hold (the signal is sent only when it changes), unsure
-    (list of guesses: every run prints it, and --strict refuses the log, until you remove
-    it). ratio may be a table [[angle, ratio], ...]. Keys of [log]: time, time_unit, step,
-    rate, databases, separator, decimal, encoding, header. A channel that the log does not
-    have is missing in all rows; the quantities that are still observable are estimated.
+    is ahead of the other groups, s), hold (the signal is sent only when it changes),
+    unsure (list of guesses about this signal. Until you remove the list, every run prints
+    it, and --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of
+    [log]: time, time_unit, step, rate, databases, separator, decimal, encoding, header. A
+    channel that the log does not have is missing in all rows; the quantities that are
+    still observable are estimated.
 
-    Values that the vehicle file does not give are those of an ordinary car of the same
-    mass and axles (src/tables/uncalibrated.toml): stiffness from the axle loads, yaw
-    inertia mass lf lr, grip of a dry road. Each has the standard deviation found among
-    such cars, and the run lists it. The filter estimates noise and biases of the sensors;
-    with --form paper or robust the noise is estimated from the log before the filter
-    runs. After 'tselab calibrate' the prior is the posterior of the calibration.
+    For a value that the vehicle file does not give, the run assumes that of an ordinary
+    car with the same mass, lf and lr (src/tables/uncalibrated.toml): stiffness
+    proportional to the axle load, yaw inertia = mass * lf * lr, grip of a dry road. Such
+    a value has the standard deviation found among ordinary cars; --verbose lists these
+    values. The filter estimates noise and biases of the sensors. With --form paper or
+    robust the noise is estimated from the log before the filter runs. After 'tselab
+    calibrate' the prior is the posterior of the calibration.
 
     A car without calibrated stiffness (no [calibration] and no [uncertainty] in its file)
     is first calibrated on the log itself, on at most ten minutes of it. The run prints
-    the result, and in which file it is kept for the next run. It is not calibrated with
-    --no-calibrate, nor with --load-learnt or --save-learnt, because a learnt state
+    the result, and in which file it is kept for the next run. There is no calibration
+    with --no-calibrate, nor with --load-learnt or --save-learnt, because a learnt state
     belongs to the car as the vehicle file describes it.
 
     The report also draws columns of the log that start with ref_. Those that name an
@@ -187,9 +189,9 @@ def estimate(
     ref_wheel_fl ...) are drawn together with it, others separately. The time between rows
     may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) take
     noise of the wheel speeds for slip, and then underestimate the stiffness. --average
-    0.1 reduces this noise. A row of EST.csv is then a block, and a noise sd in the
-    vehicle file is still that of a single sample. Ctrl-C stops the run and writes the
-    rows done so far.
+    0.1 reduces this noise. A row of EST.csv then belongs to a block of 0.1 s. A noise sd
+    in the vehicle file is still that of a single sample. Ctrl-C stops the run and writes
+    the rows done so far.
 
     A learnt state contains stiffness, grip, sensor biases and steering, with their
     covariance. It is only valid for the same vehicle. Its variances grow with its age
@@ -197,17 +199,17 @@ def estimate(
 
     --road gives the filter the bank and grade of the road in each row. The position on
     the road is found from gnss_latitude and gnss_longitude or, without them, from the
-    curvature of the driven path, yaw rate over speed. Columns of road.csv: distance [m],
+    curvature of the driven path (yaw rate / speed). Columns of road.csv: distance [m],
     bank (left side high > 0), grade (uphill > 0), bank_sd, grade_sd [rad]; for the path
-    latitude, longitude [deg], or x, y [m], or curvature [1/m]; closed, 1 for a circuit,
-    whose last row is at the same place as the first. A log that was driven on a different
-    road is refused.
+    latitude, longitude [deg], or x, y [m], or curvature [1/m]; closed (1 for a circuit,
+    whose last row is at the same place as the first). A log that was driven on a
+    different road is refused.
 
-    The command prints a line for each stiffness: its value with its 95 % interval,
-    for the last stretches of road between changes, and whether it is usable. These
-    values are smoothed, so they also use later rows. --verbose also prints the
-    filtered values at the end of each stretch, grip, the largest sideslip angle, and
-    values that were filled in.
+    The drive is divided into stretches at the changes of the road. For each of the last
+    stretches the command prints a line for each stiffness: its value with its 95 %
+    interval, and whether it is usable. These values are smoothed, so they also use later
+    rows. --verbose also prints the filtered values at the end of each stretch, grip, the
+    largest sideslip angle, and values that were filled in.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: no
     stiffness is valid, but the estimates are written; 2 bad input; 130 Ctrl-C. --json
@@ -226,7 +228,7 @@ def estimate(
         "--road": road_path,
     }
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
-    # --save-learnt may overwrite the file of --load-learnt, the other outputs may not
+    # --save-learnt may overwrite the file of --load-learnt; no other output may
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
     check_table(table)
     check_writable(out, report, save_learnt)
@@ -305,7 +307,7 @@ def print_all(result: Result, notes: list[str], written: Files) -> None:
 
 def print_answer(result: Result, notes: list[str], written: Files, has_report: bool) -> None:
     """Print the answer, every warning and, as far as MAX_LINES allows, the latest events
-    and the first notes. Then print how many events and notes were left out.
+    and the first notes. Then print the number of events and notes that are not shown.
 
     Warnings and notes go to standard error."""
     found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])

@@ -24,7 +24,7 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Reading
 
-MAX_CARS = 5  # max number of printed cars, the softest first
+MAX_CARS = 5  # max number of cars that are printed, those with the smallest stiffness first
 MAX_ERRORS = 10  # max number of printed errors
 
 
@@ -123,10 +123,11 @@ def fleet(
     the log or of its folder or, without one, by the modification time of the file.
     Several cars run in parallel.
 
-    Which logs belong to one car: with --vehicle, all logs in a folder directly below
-    FOLDER and in its subfolders; with --car, all logs. With --vehicles, the first row of
-    the table whose column log matches the log decides. That column holds a file, a folder
-    or a glob pattern. Paths in the table are relative to the folder of the table:
+    With --vehicle, each folder directly below FOLDER holds the logs of one car, also in
+    its subfolders; with --car, all logs belong to one car. With --vehicles, each log gets
+    the values of the first row of the table whose column log matches it. The column log
+    holds a file, a folder or a glob pattern. Paths in the table are relative to the
+    folder of the table:
 
     \b
     log,vehicle,car,signals
@@ -137,15 +138,16 @@ def fleet(
     DIR/fleet.parquet   a row for each log, stretch of road and stiffness: value, sd,
                         validity, changes, warnings; for a log that cannot be estimated
                         a row with its error
-    DIR/fleet.html      cars and trends, the softest first, with links to all reports
+    DIR/fleet.html      cars and their trends, the car with the smallest stiffness first,
+                        with links to all reports
     DIR/reports/        a report for each log
     DIR/estimates/      with --estimates, the estimates of each log
     DIR/learnt/         learnt state of each car, for 'tselab estimate --load-learnt'
-    DIR/calibrated/     calibrated vehicle files of the cars without calibrated
-                        stiffness. They are calibrated on at most ten minutes of their
-                        first four logs, and the learnt states belong to them. With
-                        --no-learn each log is calibrated by itself, with
-                        --no-calibrate none
+    DIR/calibrated/     for each car without calibrated stiffness, a vehicle file that
+                        was calibrated on at most ten minutes of its first four logs.
+                        The learnt state of the car is valid only with this file. With
+                        --no-learn each log has its own calibration; with
+                        --no-calibrate there is no calibration
     DIR/logs/           results of the logs that are done. The same command continues
                         from there, even after it was killed, and runs only logs that
                         are new or have changed

@@ -12,8 +12,8 @@ import click
 from tse.errors import Error, NoFile
 from tselab.options import FILE, JSON, print_json
 
-# ---- Parameters of a vehicle as a parameter set of the standard SSP (.ssv), which tools
-# that connect FMUs can read.
+# ---- Write the parameters of a vehicle as a parameter set (.ssv) of the standard SSP,
+# which tools that connect FMUs can read.
 
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <ssv:ParameterSet version="1.0" name={name}
@@ -57,8 +57,8 @@ def read_parameters(fmu: Path) -> list[FmuParameter]:
 
 
 def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[str, float], name: str) -> str:
-    """Return the SSP parameter set of a car. It has all parameters vehicle.*, and those
-    others whose value differs from their start value.
+    """Return the SSP parameter set of a car. It contains all parameters vehicle.* and, of
+    the other parameters, those whose value differs from the start value in the FMU.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def fmu() -> None:
     type=click.Choice(REALS),
     default=REALS[0],
     show_default=True,
-    help="Number format of the estimator; choose that of your controller. The FMU of the vehicle always "
-    "uses double.",
+    help="Number format of the estimator; choose the format that your controller uses. The FMU of the "
+    "vehicle always uses double.",
 )
 @click.option(
     "--fmi",
@@ -153,13 +153,13 @@ def build(
 
     Without --platform and --all-platforms, each FMU has only the binary for this machine,
     made by its C compiler. With them, the Python package ziglang (extra 'platforms')
-    compiles the binaries from the folder sources/ of each FMU. These run on old systems,
-    too: linux64 needs glibc 2.2.5. The same sources always give the same files, byte for
-    byte. Files are written only after everything was built.
+    compiles the binaries from the folder sources/ of each FMU. These binaries run on old
+    systems, too: linux64 needs glibc 2.2.5. The same sources always give the same files,
+    byte for byte. Files are written only after everything was built.
 
     By default there are two files for each model: one for FMI 2.0, which most tools read,
     and one for FMI 3.0, because an FMU can only be of one version. Both compute the same
-    bits. The SSP system contains those for FMI 2.0.
+    bits. The SSP system contains the FMUs for FMI 2.0.
     """
     from tse.files import check_directory
     from tselab.fmu_build import FMI
@@ -194,9 +194,9 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     \b
     tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
 
-    In a tool that reads SSP systems, use it as the parameters of the estimator, instead
-    of resources/vehicle.ssv of StiffnessStudy.ssp. A parameter that it does not contain
-    keeps its start value, which is that of an ordinary car.
+    In a tool that reads SSP systems, use OUT.ssv as the parameters of the estimator,
+    instead of resources/vehicle.ssv of StiffnessStudy.ssp. A parameter that is not in
+    OUT.ssv keeps its start value, which is that of an ordinary car.
     """
     import tse
     from tse.files import check_distinct, check_writable, write_atomically

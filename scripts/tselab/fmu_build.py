@@ -19,8 +19,8 @@ from pathlib import Path
 from tse.errors import Error
 from tse.files import lock_file, write_atomically
 
-# ---- Platforms. The C compiler of the Python package ziglang makes the binaries for all
-# of them. The package includes the C libraries of these platforms.
+# ---- Platforms. The Python package ziglang compiles the binaries for all platforms. It
+# contains a C compiler, and the C libraries of these platforms.
 
 FMI = ("2", "3")  # versions of FMI for which FMUs are built
 
@@ -32,20 +32,20 @@ class Platform:
     name: str  # folder in binaries/ of an FMU of FMI 2.0
     tuple3: str  # folder in binaries/ of an FMU of FMI 3.0
     suffix: str  # suffix of a shared library
-    targets: tuple[str, ...]  # targets of zig; several are joined to one universal binary
+    targets: tuple[str, ...]  # targets of zig; binaries of several targets are joined to one universal file
 
     def folder(self, fmi: str) -> str:
         """Return the name of the folder in binaries/."""
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
-        """Return the targets of the binary. FMI 3.0 has a folder for each processor, so
-        the binary for it has only one."""
+        """Return the targets for which the binary is compiled. In FMI 3.0, each processor
+        has its own folder, so that a binary has only one target."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
-# The targets of Linux are the oldest versions of glibc for their processors, so that old
-# systems can load the binaries.
+# The targets of Linux name the oldest version of glibc that exists for the processor, so
+# that old systems can load the binaries, too.
 PLATFORMS = {
     p.name: p
     for p in (
@@ -117,7 +117,8 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
     if platform.suffix == ".dylib":  # otherwise the library would contain the path of the temporary folder
         flags.append(f"-Wl,-install_name,@rpath/{name}")
     with tempfile.TemporaryDirectory() as folder:
-        binary = Path(folder) / name  # a DLL contains its file name, so it must be linked with the final one
+        # a DLL contains its own file name, so it must be linked under its final name
+        binary = Path(folder) / name
         try:
             run_zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
         except Error as error:
@@ -141,13 +142,14 @@ def run_zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
 
 FAT_MAGIC = 0xCAFEBABE  # magic number of a universal Mach-O file, big-endian
 MACHO_64 = 0xFEEDFACF  # magic number of a 64-bit Mach-O file, little-endian for both processors
-# CPU type (x86_64, arm64) and log2 of its page size. A slice must start at a page
+# Key: CPU type in a Mach-O file (x86_64, arm64). Value: log2 of its page size [bytes].
+# In a universal file, the part for a CPU must start at a multiple of its page size
 PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}
 
 
 def join_slices(slices: Iterable[bytes]) -> bytes:
-    """Join Mach-O files for several processors into a universal one, as the tool lipo
-    does. Return a single file unchanged."""
+    """Join Mach-O files for several processors into a universal file, as the tool lipo
+    does. If there is only one file, return it unchanged."""
     slices = list(slices)
     if len(slices) == 1:
         return slices[0]
@@ -174,7 +176,7 @@ class Built:
     """A written FMU or SSP system."""
 
     path: Path
-    binaries: dict[str, int]  # size of the binary for each platform, bytes
+    binaries: dict[str, int]  # key: platform; value: size of its binary [bytes]. Empty for an SSP system
 
 
 def find_checkout() -> Path:
@@ -190,8 +192,8 @@ def find_checkout() -> Path:
 
 
 def read_version(name: str) -> str:
-    """Return the version of FMI of an FMU from its name: NAME-fmi3 is for
-    3.0, any other name for 2.0."""
+    """Return the version of FMI that the name of an FMU states: "3" for NAME-fmi3, "2"
+    for any other name."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -206,8 +208,8 @@ def build(
     """Build the FMUs for these versions of FMI and, if 2.0 is one of them, the SSP
     systems. Write them to `out` only after everything was built.
 
-    `wanted`: platforms that are cross-compiled; empty: only the
-    binary for this machine."""
+    `wanted`: platforms for which binaries are cross-compiled. If it is empty, the FMUs
+    have only the binary for this machine."""
     root = find_checkout()
     if wanted:
         check_compiler()
@@ -263,8 +265,8 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def get_lock(folder: Path) -> Path:
-    """Return the lock file of a build folder, so that only one process builds in it. It
-    is next to the folder, because a build may delete the folder."""
+    """Return the lock file of a build folder. A process holds its lock while it builds.
+    The file is next to the folder, because a build may delete the folder."""
     return folder.with_name(f"{folder.name}.lock")
 
 
@@ -312,7 +314,7 @@ def pack(path: Path, files: Mapping[str, bytes]) -> None:
 
 
 def read_content(folder: Path) -> dict[str, bytes]:
-    """Return all files below a folder: name in the archive, and content."""
+    """Return all files below a folder. Key: path relative to it. Value: content."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
     }

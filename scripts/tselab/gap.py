@@ -61,8 +61,8 @@ VERBOSE = click.option(
 
 
 def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of a command that runs the whole workflow. They become the keyword
-    arguments of _run()."""
+    """Add the options of a command that runs the whole workflow of finding effects. The
+    options become the keyword arguments of _run()."""
     for take in (
         JSON,
         PROGRESS,
@@ -75,14 +75,14 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # --help lists the option that is added last first
+    ):  # --help lists the options in the reverse order
         command = take(command)
     return command
 
 
 class GapGroup(click.Group):
-    """Group of the `gap` commands. Without the name of a command it calls `run`, so that
-    `tselab gap LOG.csv ...` works."""
+    """Group of the `gap` commands. If its first argument is not the name of a command, it
+    calls `run`, so that `tselab gap LOG.csv ...` works."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
@@ -141,11 +141,12 @@ def run(**given: Any) -> int:
     The single-track model is simulated with the logged steering angle and wheel speeds.
     Its accel_x, accel_y and yaw_rate are compared with the measured ones. First, car and
     road are fitted together. If bank or grade of the road can be determined from the
-    logs, the simulation uses them; laps of one road share one profile, also the held-out
-    laps. Then sets of effects of the catalogue, and delays of channels, are compared by
-    their evidence, with a noise model for residuals that no effect explains. An effect is
-    named if its probability is at least 90 %. Held-out logs do not influence the verdict.
-    With --road, bank and grade are known and not fitted.
+    logs, the simulation uses them; all laps of the same road, also in held-out logs, have
+    the same bank and grade. Then sets of effects of the catalogue, and delays of
+    channels, are compared by their evidence, with a noise model for residuals that no
+    effect explains. An effect is named if its probability is at least 90 %. Held-out logs
+    do not influence the verdict. With --road, bank and grade are those of ROAD.csv, and
+    are not fitted.
 
     \b
     DIR/verdict.json           the verdict, for programs
@@ -157,8 +158,9 @@ def run(**given: Any) -> int:
     DIR/formula.toml           a formula for what no effect of the catalogue explains,
                                if one was found
     DIR/tse_formula.h          the same for C
-    DIR/residuals.parquet      residuals before and after, in blocks of 40 ms
-    DIR/gap.png                the residuals as a picture (with matplotlib)
+    DIR/residuals.parquet      residuals without and with the named effects, as means over
+                               blocks of 40 ms
+    DIR/gap.png                the residuals as a picture (if matplotlib is installed)
 
     Exit code: 0 no effect is missing that these logs could show; 10 an effect is named;
     11 an effect is possible: its probability is below 90 %, or an effect with similar
@@ -297,8 +299,8 @@ def check(
 @gap.command(short_help="List the effects of the catalogue.")
 @add_program_options
 def catalogue(as_json: bool, table: Path | None) -> None:
-    """List the effects of the catalogue: meaning, where each enters the model, which
-    channels it affects, and its typical size.
+    """List the effects of the catalogue. For each effect: its meaning, the places of the
+    model that it changes, the channels that it affects, and its typical size.
 
     \b
     tselab gap catalogue
@@ -370,8 +372,8 @@ def plan(
 
 
 def check_logs_exist(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
-    """Raise Error if a log does not exist, with a hint if its
-    name resembles a command."""
+    """Raise Error if a log does not exist. The message has a hint if the first log
+    resembles the name of a command."""
     for path in (*logs, *hold_out):
         if not path.exists():
             near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []

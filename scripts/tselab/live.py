@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 EACH = 0.25  # [s] time between two updates of the printed estimates
 MAX_LIVE_DURATION = 86400.0  # [s] max value of --duration
-MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of --rate, the same as in signals.toml
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of --rate, the same as that of `rate` in signals.toml
 
 
 @click.command()
@@ -144,12 +144,12 @@ def live(
     angle, wheel speeds, and yaw rate or lateral acceleration. It prints and records
     the signals that it uses.
 
-    A row is estimated when every channel has received a value later than the row, or
-    after one and a half periods of the channel. So the channel that arrives last
-    determines the delay of the estimates. If the bus fails, the command tries to open it
-    again every second. It reports a bus that is silent or off, a message that is no
-    longer received, a database of a different bus, and channels that contradict each
-    other, and goes on.
+    A row is estimated as soon as every channel has a value later than the row. The row
+    waits for a channel for at most one and a half periods of the channel. So the channel
+    that arrives last determines the delay of the estimates. If the bus fails, the command
+    tries to open it again every second. It reports a bus that is silent or off, a message
+    that is no longer received, a database of a different bus, and channels that
+    contradict each other. After each of these the drive goes on.
 
     \b
     Files of the record in DIR:
@@ -166,10 +166,10 @@ def live(
       --no-calibrate
     tselab estimate DIR/frames.blf --vehicle CAR.toml --no-calibrate
 
-    The first command computes estimates with the same bits. Those of the second differ in
-    the last digits, because rows that are made while driving are not interpolated with
-    later values. For an uncalibrated car, the filter assumes an ordinary car of its
-    class; 'tselab calibrate' can use the record.
+    The first command computes the same estimates bit by bit. The estimates of the second
+    command differ in the last digits, because it interpolates rows with values that
+    arrived only later during the drive. For an uncalibrated car, the filter assumes an
+    ordinary car of its class; 'tselab calibrate' can use the record.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
     bad input. Ctrl-C does not change the exit code.
@@ -271,11 +271,11 @@ def _read_bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 
 class _Lines:
-    """Output of the drive on a terminal: lines at the bottom that are updated in place,
-    and sentences above them.
+    """Output of the drive. On a terminal, the lines of the estimates are at the bottom
+    and are updated in place, and sentences about events are printed above them.
 
-    If standard output is not a terminal, or if `quiet`, only the sentences are printed,
-    on standard error."""
+    If standard output is not a terminal, or if `quiet` is True, only the sentences are
+    printed, on standard error."""
 
     def __init__(self, quiet: bool) -> None:
         self._terminal = sys.stdout.isatty() and not quiet
@@ -301,7 +301,7 @@ class _Lines:
             click.echo(text, err=not self._terminal)
 
     def show(self, lines: Sequence[str]) -> None:
-        """Replace the lines at the bottom."""
+        """Replace the lines at the bottom of the terminal."""
         if not self._terminal or not lines:
             return
         with self._lock:
@@ -312,8 +312,8 @@ class _Lines:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """Inside the context, Ctrl-C and the signals at the end of a session only set a flag.
-    Yield a function that returns the flag. A second Ctrl-C raises KeyboardInterrupt."""
+    """Let Ctrl-C, SIGTERM and SIGHUP only set a flag inside the context. Yield a function
+    that returns the flag. A second Ctrl-C raises KeyboardInterrupt."""
     seen = threading.Event()
 
     def on_signal(_signal: int, _frame: FrameType | None) -> None:
@@ -323,8 +323,8 @@ def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
     before = {n: signal.signal(getattr(signal, n), on_signal) for n in names}
     interval = sys.getswitchinterval()
-    # [s] Switch threads often, so that the filter does not wait for
-    # threads that write or draw
+    # [s] switch between threads often, so that the filter need not wait long for threads
+    # that write files or draw plots
     sys.setswitchinterval(0.001)
     try:
         yield seen.is_set

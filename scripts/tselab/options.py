@@ -19,11 +19,12 @@ from tse.errors import Error, NoFile
 
 MAX_WIDTH = 100  # max width of the output without --verbose
 FILE = click.Path(path_type=Path)
-TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
+TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")  # suffixes of tables and of pages
 
 
 def fold(text: str) -> list[str]:
-    """Wrap a text to MAX_WIDTH. Return its lines."""
+    """Wrap a text to the width MAX_WIDTH. Return its lines, all but the first of which are
+    indented by two more columns."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
         text, MAX_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
@@ -36,8 +37,8 @@ def fold_all(texts: Iterable[str]) -> list[str]:
 
 
 class OutputPath(click.Path):
-    """Type of an option that names an output file. The suffix selects the format; a file
-    without a suffix gets the first format.
+    """Type of an option that names an output file. The suffix of the file selects its
+    format. A file without a suffix gets the format of the first of `suffixes`.
 
     Parameters
     ----------
@@ -61,9 +62,11 @@ class OutputPath(click.Path):
         return path
 
 
-FORMS = ("default", "robust", "paper")  # set by tse_config_default(), tse_config_robust() ...
-DAY = 86400.0  # s
-MAX_AGE = 40000.0  # days
+# values of --form. tse_config_default(), tse_config_robust() and tse_config_paper() make
+# the settings of a form
+FORMS = ("default", "robust", "paper")
+DAY = 86400.0  # [s] duration of a day
+MAX_AGE = 40000.0  # [days] max value of --age
 
 
 def read_key_values(pairs: tuple[str, ...]) -> dict[str, float]:
@@ -86,10 +89,10 @@ def read_settings(
 ) -> dict[str, float]:
     """Check all settings of a command line, and return them by name.
 
-    `options`: settings that have an option of their own, such as --seed; None: not
-    given. `pairs`: the values of --set, which override `options`. With
-    `simulator`, as in `tselab simulate`, `options` override `pairs`, and settings
-    of the simulator are allowed."""
+    `options`: settings that have an option of their own, such as --seed; a value None
+    means that the option was not given. `pairs`: the values of --set, which override
+    `options`. If `simulator` is True, as in `tselab simulate`, settings of the simulator
+    are allowed, too, and `options` override `pairs`."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -102,8 +105,8 @@ def read_settings(
 
 
 def _find_option(setting: str) -> str:
-    """Return the name of the option that sets a setting. --spread sets spread_cx_front,
-    spread_cy_front and spread_cy_rear."""
+    """Return the name of the option for a setting. The option --spread is for the three
+    settings spread_cx_front, spread_cy_front and spread_cy_rear."""
     return "spread" if setting.startswith("spread_") else setting.replace("_", "-")
 
 
@@ -145,8 +148,8 @@ def check_table(path: Path | None) -> None:
 
 @contextmanager
 def silence_warnings() -> Iterator[None]:
-    """Suppress the UserWarnings of tse.estimate(), since the command
-    prints their texts itself."""
+    """Suppress the UserWarnings of tse.estimate(), because the command prints the same
+    sentences itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         yield
@@ -188,7 +191,8 @@ PROGRESS = click.option(
 @contextmanager
 def show_steps(progress: bool | None) -> Iterator[Callable[[str], None]]:
     """Yield a function that prints the current step, with the seconds since the start. On
-    a terminal each step replaces the line of the last one."""
+    a terminal each step replaces the line of the previous step. If progress is not to be
+    shown, the function does nothing."""
     start, terminal = time.monotonic(), sys.stderr.isatty()
 
     def say(text: str) -> None:
@@ -293,8 +297,8 @@ RESTART = click.option("--restart", is_flag=True, help="Discard runs that are al
 
 
 class Lazy(click.Command):
-    """A command with tables at the end of its --help. They are made only for --help,
-    because the C library must be loaded for them.
+    """A command with tables at the end of its --help. The tables are made only if --help
+    is given, because they need the C library to be loaded.
 
     Parameters
     ----------

@@ -45,17 +45,17 @@ def replay(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Compare a log with a simulation of the car along it.
+    """Compare a log with a simulation that has the logged inputs.
 
     \b
     tselab replay drive.csv --vehicle car.toml --report before.html
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
     The single-track model is simulated with the logged steering angle and wheel speeds.
-    It has the effects, latencies and the formula of the vehicle file. Its accel_x,
-    accel_y and yaw_rate are compared with the measured ones above 3 m/s. No parameter is
-    fitted. Without --road the simulated road is level, so bank and grade of the real road
-    are part of the difference.
+    It has the effects, latencies and the formula of the vehicle file. At speeds above 3
+    m/s, the simulated accel_x, accel_y and yaw_rate are compared with the measured ones.
+    No parameter is fitted. Without --road the simulated road is level, so bank and grade
+    of the real road are part of the difference.
     """
     import tse
     from tse.files import check_distinct, check_writable

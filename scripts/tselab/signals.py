@@ -13,7 +13,8 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-MAX_LISTED_SIGNALS = 80  # max number of signals without a proposed channel that are printed without --all
+# max number of signals that are proposed for no channel and are printed without --all
+MAX_LISTED_SIGNALS = 80
 
 
 @click.command()
@@ -69,9 +70,9 @@ def signals(
     be compressed with gzip.
 
     Memory: channels are read one at a time, frames of a bus and rows of a CSV in pieces.
-    'tselab estimate' keeps the channels that it needs in memory. These are read as a
-    whole: each variable of a MAT 5 file (a struct is one variable), a CSV with the column
-    names of tse, and a file of openpilot.
+    'tselab estimate' keeps the channels that it needs in memory. The following are read
+    as a whole: each variable of a MAT 5 file (a struct is one variable), a CSV with the
+    column names of tse, and a file of openpilot.
 
     Exit code: 0 a signal was found for every channel; 3 some channels
     are missing; 2 bad input.
@@ -101,10 +102,11 @@ def signals(
 
 
 def _format_signals(found: Signals, log_path: Path, every: bool) -> str:
-    """Return the printed text: a table of the signals, the proposed signals with the
-    numbers that support them, missing channels, warnings and notes.
+    """Return the text that the command prints: a table of the signals, the proposed
+    signals with the numbers that support them, missing channels, warnings and notes.
 
-    `every`: list all signals, not only MAX_LISTED_SIGNALS of those without a channel."""
+    `every`: list all signals. Otherwise, of the signals that are proposed for no channel,
+    only the first MAX_LISTED_SIGNALS are listed."""
     from tse.tables import text_table
 
     rows = [["signal", "unit", "Hz", "min", "max", "missing", "proposed for"]]

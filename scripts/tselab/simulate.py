@@ -62,7 +62,9 @@ def _list_maneuvers() -> str:
     help="From TIME (s) on, every stiffness is LEVEL times nominal; may be repeated.",
 )
 @click.option(
-    "--spread", type=float, help="Sd of all three stiffnesses from sample to sample, share of the mean."
+    "--spread",
+    type=float,
+    help="Sd of each stiffness from sample to sample, as a fraction of the mean stiffness.",
 )
 @click.option("--noise", type=float, help="Factor on the sensor noise sd of the vehicle file.")
 @click.option(
@@ -94,16 +96,16 @@ def simulate(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Simulate a manoeuvre: a log for 'tselab estimate', and the truth.
+    """Simulate a manoeuvre. Write a log for 'tselab estimate', and the true values.
 
     \b
     tselab simulate --maneuver square-waves --out log.csv --truth truth.csv
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6
     tselab simulate --maneuver straight --out log.csv --set true_bias_yaw_rate=0.01
 
-    With --road the car drives on the bank and grade that the road has at the distance
-    travelled. The log gets the positions of the road at this distance. The steering is
-    that of the manoeuvre, and does not follow the bends of the road.
+    With --road, bank and grade at each time are those of the road at the distance
+    travelled, and the log contains the position of the road at this distance. The
+    steering is that of the manoeuvre, and does not follow the bends of the road.
     """
     import tse
     from tse import tables
@@ -162,8 +164,8 @@ def simulate(
 
 
 def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    """Parse the values of --road-change, each TIME:LEVEL. Return
-    pairs of time [s] and level."""
+    """Parse the values of --road-change, each TIME:LEVEL. Return pairs of time [s] and
+    level, the factor on every stiffness."""
     from tse import tables
 
     level = tables.road_level()

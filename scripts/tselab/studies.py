@@ -48,7 +48,8 @@ def _list_studies() -> str:
     "pairs",
     metavar="KEY=VALUE",
     multiple=True,
-    help="Any setting of filter or simulator; may be repeated. Settings of a case override it.",
+    help="Any setting of filter or simulator; may be repeated. If a case has a value for the same setting, "
+    "that value is used.",
 )
 @RESTART
 @PROGRESS
@@ -76,13 +77,14 @@ def montecarlo(
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
     Every finished run is kept in DIR/runs.jsonl. After Ctrl-C the same command continues
-    from there. Larger --runs and further --cases are added to the finished runs. Runs
-    with different settings or a different library are not reused.
+    with the remaining runs. If a later command has larger --runs or further --cases, only
+    the missing runs are done. Runs with different settings or a different library are not
+    reused.
 
-    NAME+ekf adds an extended Kalman filter to the estimators of the study, on the same
-    data. NAME+module.function adds a Python function of your own. It receives the log and
-    the settings, and returns columns cx_front, cx_front_sd ...
-    (scripts/examples/own_filter.py).
+    --study NAME+ekf adds an extended Kalman filter to the estimators of the study NAME,
+    which all get the same data. NAME+module.function adds a Python function of your own.
+    The function receives the log and the settings, and returns columns cx_front,
+    cx_front_sd ... (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
