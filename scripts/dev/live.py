@@ -93,8 +93,8 @@ def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str
     done = subprocess.run(words, check=False, env=ENV, capture_output=True, text=True)
     sender.wait()
     found = re.search(
-        r"(\d+) frames, (\d+) rows, (\d+) a second; from a frame to the estimate (\d+) ms, "
-        r"of 99 % of the rows at most (\d+) ms, longest (\d+) ms",
+        r"(\d+) frames, (\d+) rows, (\d+) rows per second; delay from a frame to its estimate: "
+        r"median (\d+) ms, for 99 % of the rows at most (\d+) ms, max (\d+) ms",
         done.stderr,
     )
     if found is None:

@@ -1,4 +1,4 @@
-"""Properties that Estimate has besides its fields."""
+"""Properties that the class Estimate has in addition to its fields."""
 
 from __future__ import annotations
 

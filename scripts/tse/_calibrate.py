@@ -60,8 +60,8 @@ class Calibration(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The result in a few sentences, the last lines that
-        `tselab calibrate` prints."""
+        """The result in a few sentences, which are the last lines that `tselab calibrate`
+        prints."""
         return tuple(summarise_result(self._result, self.stiffness))
 
     @property
@@ -141,7 +141,7 @@ def calibrate(
         Bank and grade of the road that all logs were driven on: a file road.csv, or a
         Road. None: they are estimated together with the parameters of the car.
     reading
-        How files are read: signals, rate, strict, databases.
+        Options for reading files: signals, rate, strict, databases.
     steps
         Maximum number of steps of the fit; None: 40.
     jobs
@@ -158,7 +158,7 @@ def calibrate(
     ------
     Error
         No log can be compared with a simulation, or the channels of every log contradict
-        each other. It is a ValueError, too.
+        each other. The error is a ValueError, too.
     """
     car = read_vehicle(vehicle)
     fitted, held = collect_logs(logs, car), collect_logs(hold_out, car, 0)

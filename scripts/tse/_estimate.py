@@ -64,12 +64,14 @@ class Result(Shown):
     the argument `learnt`, to Filter.load_learnt(), or to tse_learnt_load() in C. None: no
     row was used, or the channels contradict each other."""
     uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
-    """For each uncertain parameter of the car (mass_sd ...) the part of the final sd of
-    the three stiffnesses that it causes: (3,), relative to the nominal stiffness."""
+    """Key: uncertain parameter of the car (mass_sd ...). Value: (3,) the part of the
+    final sd of the three stiffnesses that this parameter causes, relative to nominal."""
     calibration: dict[str, Any] | None = None
-    """Result of the calibration on the log itself: used, or why not; seconds; stiffness
-    with its 95 % interval [N/rad]; latency [s]; not_shown, the parameters that the log
-    does not determine. None: the car was calibrated before, or `calibrate` was False."""
+    """Result of the calibration on the log itself. Keys: used, whether the estimates use
+    it; why, the reason if they do not; seconds, how much of the log was compared with the
+    simulation; stiffness, with 95 % intervals [N/rad]; latency [s]; not_shown, the
+    parameters that the log does not determine. None: the car was calibrated before, or
+    `calibrate` was False."""
     vehicle: Vehicle | None = None
     """The car that was used. `learnt` belongs to it: call estimate(next_log,
     result.vehicle, learnt=result.learnt)."""
@@ -127,7 +129,7 @@ class Result(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result in sentences, the last lines of `tselab estimate --verbose`.
+        """The result in sentences, which `tselab estimate --verbose` prints last.
 
         For an uncalibrated car the first sentence gives the stiffness that
         the calibration on the log itself found, or says that there was no
@@ -226,7 +228,8 @@ class Result(Shown):
 
     @property
     def started_from(self) -> str | None:
-        """Which learnt state the run started from, and its age, as a sentence."""
+        """Sentence about the learnt state that the run started from, and its age. None:
+        the run did not start from a learnt state."""
         return self._ran[0].started_from if self._ran is not None else None
 
     def _get_findings(self) -> tuple[list[Finding], list[regimes.Change]]:
@@ -395,11 +398,11 @@ def estimate(
         Filter.save_learnt()), or the Path of a file with it. None: the filter
         starts from the settings.
     age
-        Time since that drive, s. By default it is unknown or, for a
-        file, the age of the file.
+        Time since the drive of `learnt`, s. By default, the age of the file or, for
+        bytes, unknown.
     calibrate
         Whether a car without calibrated stiffness is first calibrated on this log
-        (Result.calibration). It is not if `learnt` is given.
+        (Result.calibration). If `learnt` is given, the car is never calibrated.
     road
         Bank and grade of the road, for the filter: a file road.csv or a Road. The
         position of the car on the road is found from the positions in the log or, without
@@ -407,7 +410,7 @@ def estimate(
     config
         A file of settings, such as FILTER.toml.
     reading
-        How a file is read: signals, rate, strict, databases.
+        Options for reading a file: signals, rate, strict, databases.
     out
         File to which the estimates are written while the filter runs: Parquet if it ends
         in .parquet, otherwise CSV. Result.table then is a summary, which saves memory.
@@ -426,7 +429,8 @@ def estimate(
     Result
         The estimates have the same bits as those of `tselab estimate`, and as those of
         `result.filter()` over the same rows. Only the validity differs if channels
-        contradict each other, since a filter cannot see that in single rows.
+        contradict each other, since a filter cannot detect a contradiction in single
+        rows.
 
     Raises
     ------

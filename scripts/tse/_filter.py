@@ -20,7 +20,7 @@ from tse.library.errors import suggest_names
 from tse.log.rows import MAX_ROW_STEP, MIN_ROW_STEP, OPTIONAL_COLUMNS, SIDES
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
-UNKNOWN_AGE = math.inf
+UNKNOWN_AGE = math.inf  # [s] value of `age` if the age of a learnt state is not known
 
 
 class Filter:
@@ -56,9 +56,10 @@ class Filter:
 
     Notes
     -----
-    Noise and biases of the sensors that the vehicle does not state have the library's
-    defaults. estimate() estimates them from the log instead: `result.filter()` returns a
-    filter with those settings, whose estimates over the same rows have the same bits.
+    If the vehicle does not state noise and bias of a sensor, the defaults of the library
+    are used. estimate() estimates them from the log instead. Its `result.filter()`
+    returns a filter with the settings of that run, whose estimates over the same rows
+    have the same bits.
     Filters do not share state. One filter must not be used by two threads at once. copy()
     and the module copy make an independent filter. A filter cannot be pickled.
     """
@@ -185,8 +186,8 @@ class Filter:
             ) from None
 
     def _compute_step(self, now: float | None, step: float | None) -> float:
-        """Return dt of a row, s. For the first row, whose dt the filter does not use,
-        return the sample time.
+        """Return the time since the row before, s. For the first row, for which the
+        filter does not use it, return the sample time.
 
         `now`, `step`: `time` and `dt` as the caller gave them; None: not given."""
         if now is not None and step is not None:
@@ -234,7 +235,7 @@ class Filter:
         other._time = self._time
         return other
 
-    __copy__ = copy  # the default of the module copy would let both filters share one state
+    __copy__ = copy  # by default, copy.copy() would let both filters share one state
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Filter:
         return self.copy()
@@ -271,9 +272,9 @@ class Filter:
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Return, for each uncertain parameter of the car (`mass_sd` ...), the part of
-        the present sd of the three stiffnesses that it causes: (3,), relative to the
-        nominal stiffness."""
+        """Return the contributions of the uncertain parameters of the car to the present
+        sd. Key: parameter (`mass_sd` ...). Value: (3,) the part of the sd of the three
+        stiffnesses that this parameter causes, relative to the nominal stiffness."""
         return self._filter.uncertainty_sd()
 
 

@@ -61,13 +61,14 @@ class Fleet(Shown):
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """For each car its name, and its softest stiffness or why no stiffness is known.
-        The softest car comes first."""
+        """Pairs of the name of a car, and a sentence with its smallest stiffness or the
+        reason why no stiffness is known. The car with the smallest stiffness is first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
     def words(self) -> tuple[str, ...]:
-        """A sentence for each car with its latest stiffnesses, the softest car first."""
+        """A sentence for each car with its latest stiffnesses, in the order of
+        `ranking`."""
         return tuple(
             f"{c.name}: {len(c.done)} logs, {c.hours:.1f} h"
             + "".join(
@@ -124,8 +125,8 @@ class Fleet(Shown):
         return self._table
 
     def plot(self) -> Any:
-        """Return a plotly figure: the latest estimate of each car with its 95 % interval,
-        the softest car first."""
+        """Return a plotly figure: the latest estimates of each car with 95 % intervals,
+        in the order of `ranking`."""
         return make_figure(page.draw_distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -164,11 +165,11 @@ def fleet(
     logs
         Files, folders and glob patterns.
     vehicle
-        Vehicle of all logs, as in estimate(). The logs of each folder are taken as those
-        of one car, unless `car` is given.
+        Vehicle of all logs, as in estimate(). Unless `car` is given, the logs of each
+        folder belong to a separate car.
     out
-        Folder for the files, created if needed. A later call with the same folder only
-        runs logs that are new or have changed.
+        Folder for the files, created if needed. A later call with the same folder
+        estimates only logs that are new or have changed.
     vehicles
         A CSV table that assigns vehicle files to logs, instead of `vehicle`. Its columns
         are log, vehicle, car and signals.
@@ -179,7 +180,7 @@ def fleet(
     config, form, average
         As in estimate().
     reading
-        How the logs are read: signals, rate, strict, databases.
+        Options for reading the logs: signals, rate, strict, databases.
     learn
         Whether each drive starts from the learnt state of the previous drive of the car.
     calibrate

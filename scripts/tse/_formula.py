@@ -31,8 +31,8 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
     FileNotFoundError
         The file does not exist.
     Error
-        A place, signal or function is unknown, a unit does not fit, or a number is
-        outside its range. The error is a ValueError, too.
+        A place, signal or function is unknown, units do not match, or a number is outside
+        its range. The error is a ValueError, too.
     """
     return _read(Path(path))
 

@@ -83,8 +83,9 @@ class Gap(Shown):
 
     @property
     def rms(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Ratio of the rms residual to the sensor noise, before and after the fit: for
-        the logs "fit" and "held_out", for each channel."""
+        """Ratios of the rms residual to the sensor noise. `rms[part][channel]` is the
+        pair of the ratios without and with the named effects, where part is "fit" for the
+        fitted logs or "held_out"."""
         fit = {c: (x, self._result.fit_after[c]) for c, x in self._result.fit_before.items()}
         held = {c: (x.before, x.after) for c, x in self._result.held_out.items()}
         return {"fit": fit, "held_out": held}
@@ -101,15 +102,15 @@ class Gap(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row for each named effect and each late
-        channel of verdict.json."""
+        """Return a table with a row for each named effect, and for each channel with a
+        delay that was found."""
         verdict = self.to_dict()
         late = [{"id": s.pop("id"), "parameters": {"time": s}} for s in verdict["sensors"]]
         return pd.DataFrame([*verdict["effects"], *late])
 
     def plot(self) -> Any:
         """Return a plotly figure: ratio of residual to sensor noise for each channel,
-        before and after the fit."""
+        without and with the named effects."""
         return pictures.draw_gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -141,20 +142,20 @@ def gap(
     vehicle
         A vehicle file, or a mapping with its keys.
     hold_out
-        Logs that are not used for the fit. They test whether the named effect also
-        reduces the residuals there.
+        Logs that are not used for the fit. They show whether the named effect also
+        reduces the residuals of other logs.
     out
         Folder for the files, created if needed. None: a temporary folder.
     jobs
         Number of simulations that run in parallel.
     formula
-        Whether a formula is searched for even if the named effects explain
-        the residuals completely.
+        Whether to search for a formula even if the named effects explain the residuals
+        completely.
     road
         Bank and grade of the road that all logs were driven on: a file road.csv, or a
         Road. None: they are estimated where the logs determine them.
     reading
-        How files are read: signals, rate, strict, databases.
+        Options for reading files: signals, rate, strict, databases.
     progress
         Called with a sentence about the current step. The search takes some minutes.
 
@@ -186,8 +187,8 @@ class GapCheck:
 
     @property
     def text(self) -> str:
-        """A table of the effects, and in which channels the
-        undetectable ones would show."""
+        """A table of the effects, and the channels that the effects which would not be
+        detected change."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -243,7 +244,8 @@ class GapPlan:
     def __init__(self, found: plan.ManeuverPlan):
         self._found = found
         self.separable = found.separable
-        """Whether some manoeuvre distinguishes the effects within an hour."""
+        """Whether a manoeuvre exists that distinguishes the effects if it is driven for
+        at most an hour."""
 
     def text(self, rows: int = 6) -> str:
         """Return a sentence about the best manoeuvre, and a table of the best `rows`."""

@@ -77,7 +77,7 @@ class Live:
 
     def poll(self) -> int:
         """Process the frames that have arrived, and return the number of rows made from
-        them. If there are none, wait for them for up to 0.1 s.
+        them. If no frames have arrived, wait for up to 0.1 s.
 
         Call it in a loop, instead of the iteration, if only `answer` is needed and not
         the Estimate of each row."""
@@ -126,8 +126,8 @@ class Live:
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness with its 95 % interval, now or, after close(), of
-        the whole drive."""
+        """Three lines: each stiffness with its 95 % interval. During the drive, they have
+        the present estimates; after close(), the results of the whole drive."""
         found = self._get_result()[1] if self._drive.closed else self._drive.now()
         return tuple(make_answer(found, self._drive.config))
 
@@ -260,8 +260,8 @@ def live(
         Learnt state of an earlier drive of this vehicle (Live.learnt or Result.learnt),
         or the Path of a file with it.
     age
-        Time since that drive, s. By default it is unknown or, for a
-        file, the age of the file.
+        Time since the drive of `learnt`, s. By default, the age of the file or, for
+        bytes, unknown.
     rate
         Rows per second. None: the rate of the fastest channel, at most 100.
     duration

@@ -37,8 +37,8 @@ LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.ND
 
 
 class Log(Shown):
-    """Result of read_log(): the checked rows of a log, in SI
-    units and axes of ISO 8855."""
+    """Result of read_log(): the checked rows of a log, in SI units and in the axes of ISO
+    8855."""
 
     def __init__(self, checked: Checked):
         self._checked = checked
@@ -134,14 +134,14 @@ def read_log(
 def read_checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
     """Read and check a log of any type. Raise TypeError if `log` is of an unknown type.
 
-    `name`: what messages call a log in memory."""
+    `name`: name by which messages refer to a log in memory."""
     if isinstance(log, str | os.PathLike):
         return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
     return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_read_columns(log), name), car)
 
 
 def read_known_road(road: PathLike | Road | None) -> Road | None:
-    """Return the road; read it if `road` is a file."""
+    """Return the road. If `road` is a file, read it; if it is None, return None."""
     return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
@@ -286,7 +286,8 @@ def signals(
     """Propose which signal of a log is which channel, from names, units and physics, as
     `tselab signals` does.
 
-    If there is a signals.toml next to the log, its table [log] says how the log is read.
+    If there is a signals.toml next to the log, the log is read with the options in the
+    table [log] of that file.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
-"""Base class of the results that the API returns: as
-sentences, table, figure and page."""
+"""Base class of the results that the API returns. A result can be shown as sentences, as
+a table, as a figure and as an HTML page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulate drives with known truth, and the car along a logged drive: simulate(),
+"""Simulate drives with known truth, or the car with the inputs of a log: simulate(),
 replay() and their results."""
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from tse.simulation.simulate import simulate as _simulate
 
 
 class Simulated(NamedTuple):
-    """Result of simulate(): a log and the truth. Equal rows belong to equal times."""
+    """Result of simulate(): log and truth. Row k of one has the time of row k of the
+    other."""
 
     log: pd.DataFrame
     """Sensor readings, with the columns that estimate() expects."""
@@ -37,8 +38,8 @@ class Simulated(NamedTuple):
     """True values: true_cy_front [N/rad], true_vel_y [m/s] ..."""
 
     def with_references(self) -> pd.DataFrame:
-        """Return the log with the truth added as columns ref_..., which the page of an
-        estimate draws as reference."""
+        """Return the log with the truth added as columns ref_... The page of
+        Result.report() draws these columns as reference."""
         return add_references(Simulation(self.log, self.truth))
 
     def write(
@@ -104,8 +105,8 @@ def simulate(
         `wheel_speed_sd` is 0.02 rad/s unless it is given here, because real wheel speeds
         have noise, and the filter takes a channel whose value does not change for frozen.
     road
-        Road that the car drives on: a file road.csv or a Road. Its bank and grade depend
-        on the distance travelled, and the log gets its positions.
+        Road that the car drives on: a file road.csv or a Road. Bank and grade are those
+        at the distance travelled. The log contains the positions of the road there.
     bar
         Show a progress bar on standard error.
 
@@ -142,7 +143,7 @@ def simulate(
     return Simulated(done.log, done.truth)
 
 
-# ---- along a log
+# ---- Simulate the car with the inputs of a log
 
 
 class Replayed(Shown):
@@ -152,8 +153,8 @@ class Replayed(Shown):
     def __init__(self, table: pd.DataFrame, notes: Sequence[str] = (), title: str = "log", vehicle: str = ""):
         self._table, self._title, self._vehicle = table, title, vehicle
         self.notes = tuple(notes)
-        """Sentences about contradictions between log and car, and about where on the road
-        the log was driven."""
+        """Sentences about contradictions between log and car, and about the part of the
+        road on which the log was driven."""
 
     def to_frame(self) -> pd.DataFrame:
         """Return the rows: time; accel_x, accel_y, yaw_rate as logged; their simulated
@@ -166,9 +167,10 @@ class Replayed(Shown):
         Returns
         -------
         dict
-            For each channel: rms of the difference after its mean, which is the bias of
-            the sensor, is subtracted; ratio of this rms to the white noise of the channel
-            in this log; the mean; the unit. NaN: the log does not have the channel.
+            Key: channel. Value: rms of the difference without its mean, since the mean is
+            the bias of the sensor; ratio of this rms to the sd of the white noise of the
+            channel in this log; the mean; the unit. NaN: the log does not have the
+            channel.
         """
         return along.measure_misfit(self._table)
 
@@ -214,10 +216,10 @@ def replay(
     road: PathLike | Road | None = None,
     reading: Reading | None = None,
 ) -> Replayed:
-    """Simulate the car along a log.
+    """Simulate the car with the inputs of a log, to compare it with the measurements.
 
-    The inputs of the simulation are the logged steering angle and wheel speeds. The model
-    is the single-track model with the effects of the car.
+    The inputs are the logged steering angle and wheel speeds. The model is the
+    single-track model with the effects of the car.
 
     Parameters
     ----------
@@ -234,7 +236,7 @@ def replay(
         Bank and grade of the road: a file road.csv or a Road. None: those of the columns
         bank and grade of the log or, without them, a level road.
     reading
-        How a file is read: signals, rate, strict, databases.
+        Options for reading a file: signals, rate, strict, databases.
 
     Returns
     -------

@@ -102,9 +102,9 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
     vehicle
         As in read_vehicle().
     path
-        The header. An existing file is replaced. It defines tse_config_car(&c). Called
-        after tse_config_default(&c), this function makes the settings those with which
-        estimate() runs at 100 Hz.
+        The header. An existing file is replaced. The header defines the function
+        tse_config_car(&c). If it is called after tse_config_default(&c), the settings are
+        those with which estimate() runs at 100 Hz.
 
     Returns
     -------
@@ -117,8 +117,8 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
 
 
 def check_names(settings: Mapping[str, float] | None) -> Mapping[str, float]:
-    """Return the settings; None as an empty mapping. Raise TypeError
-    if they are not a mapping."""
+    """Return the settings, or an empty mapping for None. Raise TypeError if they are
+    not a mapping."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
             f"settings: {type(settings).__name__} is not a mapping; give names and numbers, such as "

@@ -14,12 +14,12 @@ __all__ = ["Error", "InputError", "Interrupted", "LearntError", "NoFile", "Setti
 
 
 class InputError(Error, ValueError):
-    """The filter refuses a row. The state of the filter has not changed."""
+    """The filter refuses a row. The state of the filter is still that before the row."""
 
     def __init__(self, text: str, field: str):
         super().__init__(text)
         self.field = field
-        """Name of the field of the row that is wrong."""
+        """Name of the wrong field of the row."""
 
 
 def __getattr__(name: str) -> Any:

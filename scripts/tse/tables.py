@@ -1,5 +1,5 @@
-"""List what the library has: settings, channels, estimates, codes, effects, manoeuvres,
-and signals and functions for formulas."""
+"""Lists of the library: settings, channels, estimates, codes, effects, manoeuvres, and
+signals and functions for formulas."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class LibraryBuild:
     format: str
     """Number format: double, float or fixed point."""
     capacity: int
-    """Max number of particles of the paper's filter."""
+    """Max number of particles with which the paper's filter can run."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Setting:
     high: float
     unit: str
     text: str
-    """Its meaning."""
+    """Meaning of the setting."""
 
 
 @dataclass(frozen=True)

@@ -395,7 +395,7 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
     out, err = going.communicate(timeout=60)
     assert going.returncode in RAN, err
     assert "started from" in err and "Traceback" not in err and f"Learnt state written to {taught}" in out
-    assert "front, in bends" in out and "a second; from a frame to the estimate" in err
+    assert "front, in bends" in out and "rows per second; delay from a frame to its estimate" in err
     assert taught.read_bytes() != before and (tmp_path / "two" / "before.tse").read_bytes() == before
     again = tselab_here(
         "estimate",

@@ -115,9 +115,9 @@ class EffectRow:
     bit: int  # number of its bit in tse_effects.mask
     filter: str  # filters whose estimate its settings change: both, default or none
     occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
-    # title instead of `title` if the fitted value is below early_below: it is then a
-    # latency of messages or a low-pass filter of the IMU, no effect of the car. "": there
-    # is no such title
+    # title that replaces `title` if the fitted value is below `early_below`. The cause of
+    # such a value is a latency of messages or a low-pass filter of the IMU, not the car.
+    # "": there is no such title
     early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
@@ -217,7 +217,7 @@ class _CBuild(ctypes.Structure):
         ("params_bytes", ctypes.c_int32),
         ("sim_bytes", ctypes.c_int32),
         ("learnt_bytes", ctypes.c_int32),
-        # size of a filter with particles; filter_bytes: of one without particles
+        # [bytes] size of a filter with particles; filter_bytes: size without particles
         ("filter_paper_bytes", ctypes.c_int32),
         # fraction bits of a fixed-point number; 0: the library uses floating point
         ("fraction_bits", ctypes.c_int32),
@@ -225,8 +225,8 @@ class _CBuild(ctypes.Structure):
 
 
 def find_library() -> Path:
-    """Return the path of the library: that in the environment variable TSELAB_LIBRARY, if
-    it is set, otherwise that in the folder lib next to this file."""
+    """Return the path of the library. It is the value of the environment variable
+    TSELAB_LIBRARY or, if that is not set, a file in folder lib next to this module."""
     if named := os.environ.get("TSELAB_LIBRARY"):
         return Path(named)
     suffix = {"darwin": "dylib", "win32": "dll"}.get(sys.platform, "so")
@@ -247,7 +247,8 @@ class Library:
         except OSError as error:
             raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
         self.path = path
-        # Python holds fixed-point numbers as double; native(), from_native() convert
+        # Python holds fixed-point numbers as double; native() and
+        # from_native() convert them
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
                 self._suffix = suffix
@@ -496,7 +497,7 @@ def _from_fixed(raw: np.ndarray, bits: int) -> np.ndarray:
 
 @functools.lru_cache(maxsize=1)
 def library() -> Library:
-    """Return the library of this process. The first call loads it."""
+    """Return the library of this process. The first call loads the library."""
     return Library(find_library())
 
 
@@ -757,7 +758,8 @@ class NativeFilter:
         return sd
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state for the start of the next drive; None before row 1."""
+        """Return the learnt state for the start of the next drive; None before the first
+        row."""
         out = np.zeros(self.lib.learnt_bytes, np.uint8)
         save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
         return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None

@@ -102,7 +102,8 @@ def _lock_handle(handle: int) -> bool:
 
 @functools.lru_cache(maxsize=4096)
 def _list_parts(folder: Path) -> tuple[str, ...]:
-    """Return the unfinished files in a folder. Later calls repeat the first result."""
+    """Return the names of the unfinished files in a folder. Later calls for the folder
+    return the cached result of the first."""
     try:
         return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART_SUFFIX))
     except OSError:
@@ -172,7 +173,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def lock_file(path: Path) -> Iterator[None]:
-    """Hold the lock of this lock file while the block runs.
+    """Hold the lock of the file `path` while the block runs.
 
     A second process waits until the lock is released. The operating system releases the
     lock of a killed process."""
@@ -236,9 +237,10 @@ def is_parquet(path: Path | None) -> bool:
     return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
-# ---- Sealed files hold data from which a later run of the same user continues. The seal
-# is a digest whose key is a secret in the user's home folder. Without the secret, nobody
-# can write a file with a valid seal, and no run continues from a file without one.
+# ---- Sealed files hold data from which a later run of the same user continues. The
+# seal is a digest whose key is a secret in the user's home folder. Without the secret,
+# nobody can write a file with a valid seal, and no run continues from a file whose
+# seal is wrong.
 
 SECRET_BYTES = 32
 

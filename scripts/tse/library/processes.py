@@ -41,7 +41,8 @@ class Died(RuntimeError):
 
 
 class Workers:
-    """Interface of the workers: submit() accepts a task, next() returns a finished task.
+    """Interface of classes that run tasks: submit() accepts a task, next() waits for a
+    task to finish and returns it.
 
     If an error ends the `with` block, running tasks are stopped."""
 
@@ -109,8 +110,8 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # tasks that were running when a process died. Each runs again, alone in a new
-        # process: the task whose process dies again is the cause
+        # tasks that were running when a process died. Each of them runs again, alone in a
+        # new process. If this process dies, too, its task is the cause
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 

@@ -17,14 +17,16 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Suffixes of logs that many other files have, too. In a folder, files with these suffixes
-# are not taken for logs. They are only read if they are named or match a glob pattern.
+# Suffixes of logs that many other files have, too. If a folder is searched for logs,
+# files with these suffixes are skipped. They are only read if the user names them or a
+# glob pattern matches them.
 AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
-RESULTS = (".est.csv", ".est.parquet")  # ends of the names of files that `tselab estimate` writes
+RESULTS = (".est.csv", ".est.parquet")  # ends of the names of files that `tselab estimate` writes; no logs
 MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
-OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")
+OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")  # ends of the names of logs of openpilot
+# date, and time of day if there is one, in the name of a file
 DATE = re.compile(
     r"(?<!\d)(20\d\d|19\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[-_.T ]{0,3}([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d))?)?(?!\d)"
@@ -39,8 +41,8 @@ class Drive:
     log: Path
     vehicle: Path | None = None
     signals: Path | None = None
-    start: float = 0.0  # [s] time when the drive began, since 1970
-    start_from: str = "file"  # source of `start`: "log", "name" (a date in it), "file" (its time)
+    start: float = 0.0  # [s since 1970] time when the drive began
+    start_from: str = "file"  # source of `start`, see find_start()
     error: str = ""  # reason why the log cannot be estimated
 
 
@@ -50,9 +52,9 @@ def find_drives(
     """Return all logs, sorted by car and by the time of the drive.
 
     `words`: files, folders and glob patterns. `table`: CSV with the vehicle file of each
-    log. If it is None, all logs have the vehicle file `vehicle`, and belong to `car` or,
-    if `car` is None, to a car for each folder. `out`: folder of the results, in which no
-    logs are searched."""
+    log. If `table` is None, all logs have the vehicle file `vehicle`. They belong to the
+    car `car` or, if `car` is None, the logs of each folder belong to one car. `out`:
+    folder of the results, which is not searched for logs."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
@@ -63,8 +65,8 @@ def find_drives(
 
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Return every log once, with the folder that gives its car the name. Raise UserError
-    if a folder has no log, or a word matches no file."""
+    """Return every log once, with the folder that gives its car a name if the user gives
+    none. Raise UserError if a folder has no log, or a word matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
@@ -123,7 +125,7 @@ def _assign_by_folder(
 
 
 def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
-    """Return the last parts of a path, as few as distinguish it from all others."""
+    """Return the shortest end of a path that distinguishes it from the paths `others`."""
     for parts in range(1, len(folder.parts) + 1):
         name = "/".join(folder.parts[-parts:])
         if sum("/".join(o.parts[-parts:]) == name for o in others) == 1:
@@ -211,9 +213,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 
 
 def find_start(path: Path) -> tuple[float, str]:
-    """Return the time when a drive began [s since 1970], and its source: "log" if the log
-    contains it, otherwise "name" if the name has a date, otherwise "file", the
-    modification time of the file."""
+    """Return the time when a drive began [s since 1970], and its source. Sources, the
+    first available of which is used: "log", the start time in the log; "name", a date in
+    the name of the log or of its folder; "file", the modification time of the file."""
     for source, of in (("log", _read_log_start), ("name", _read_name_date)):
         try:
             when = of(path)

@@ -25,11 +25,14 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-MIN_LOGS = 3  # min number of other logs of a car with which a log is compared
-# Max ratio of a stiffness to its median in the other logs of the car. Even on dry
-# asphalt, where the stiffness is largest, it varies, because warm tyres are softer
+MIN_LOGS = 3  # a log is compared with the other logs of the car if there are at least this many
+# Max ratio of a stiffness to the median of this stiffness in the other logs of the car. A
+# larger ratio gives a warning. Ratios up to this limit are normal: even on dry asphalt,
+# where the stiffness is largest, it varies, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
-FLEET_COLUMNS: dict[str, str] = {  # columns of the table, those of an estimate and of its drive: type
+# Columns of the table fleet.parquet, and their types. Those of results.FLEET_COLUMNS describe
+# the estimate, the others the drive
+FLEET_COLUMNS: dict[str, str] = {
     "car": "string",
     **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
     **{k: v for k, v in results.ESTIMATE_COLUMNS.items() if k != "log"},
@@ -45,13 +48,13 @@ class Done:
 
     drive: Drive
     outcome: Outcome
-    report: str = ""  # path of its report, relative to the folder of the results; empty: none
+    report: str = ""  # path of the report, relative to the folder of the results; empty: no report
 
 
 class Store:
     """The folder of the results of a fleet.
 
-    `restart`: forget which logs are done."""
+    `restart`: delete the stored outcomes, so that all logs run again."""
 
     def __init__(self, out: Path, restart: bool):
         self.out = out
@@ -89,9 +92,9 @@ class Store:
         return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
-        """Return the stored outcome of a log. None: the log has to run, because there is
-        no outcome of this user for the same files and settings, or one of its result
-        files is missing."""
+        """Return the stored outcome of a log, or None if the log has to run. It has to
+        run if this user has stored no outcome for the same files and settings, or if one
+        of the result files is missing."""
         with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log runs
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
@@ -108,8 +111,8 @@ class Store:
         return None
 
     def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
-        """Store an outcome. The report is written first, so that a log which is recorded
-        as done has its report even if the process is killed in between."""
+        """Store an outcome. The report is written before the log is recorded as done, so
+        that no log without report is recorded if the process is killed in between."""
         report = ""
         if outcome.report is not None:
             report = f"{REPORTS}/{self.name(drive)}.html"
@@ -167,9 +170,9 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     logs of its car.
 
     Usually some of the other logs are on dry asphalt, where the stiffness is largest.
-    A much larger one means a different car, load or set of tyres, or that all other
-    logs were on snow. A much smaller one has no such meaning, since wet roads and
-    snow reduce the stiffness."""
+    So a much larger stiffness means that car, load or tyres are different, or that all
+    other logs were on snow. A much smaller stiffness gives no warning, since wet roads
+    and snow reduce the stiffness."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -191,9 +194,9 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def compute_key(task: Task) -> str:
-    """Return a digest of everything that an outcome depends on. It contains size and
-    modification time of the logs instead of their content, because to read the logs would
-    take as long as to run them."""
+    """Return a digest of everything that an outcome depends on. Logs enter it with their
+    size and modification time instead of their content, because reading the logs would
+    take as long as estimating them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [
@@ -234,7 +237,8 @@ def _shorten_digest(text: str) -> str:
 
 
 def _name_car_files(name: str) -> str:
-    """Return the start of the names of the files of a car. A digest is appended if the
-    name has been changed, or has capital letters, which some file systems ignore."""
+    """Return the start of the names of the files of a car. If characters of the name of
+    the car were replaced, or if it has capital letters, which some file systems do not
+    distinguish from small ones, a digest is appended."""
     plain = _clean_name(name)
     return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

@@ -21,8 +21,8 @@ from tse.runs.run import group_by_car
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-MAX_TRENDS = 12  # max number of cars whose trend is drawn, the softest first
-MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all
+MAX_TRENDS = 12  # max number of cars whose trend is drawn, those with the smallest stiffness first
+MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all logs
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,16 @@ class Car:
 
     @property
     def softest(self) -> str:
-        """Key of the smallest cornering stiffness or, if none is known, of the
-        longitudinal stiffness. Empty: no stiffness is known."""
+        """Key of the smaller cornering stiffness or, if no cornering stiffness is known,
+        of the longitudinal stiffness. Empty: no stiffness is known."""
         known = [k for k in CORNERING if k in self.last] or list(self.last)
         return min(known, key=lambda k: self.last[k].value, default="")
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """Key for sorting cars: the smallest cornering stiffness. Cars with only a
-        longitudinal stiffness follow, then cars without any."""
+        """Key for sorting cars. Cars with a known cornering stiffness come first,
+        sorted by the smaller one; then cars with only a longitudinal stiffness; then
+        those without any."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -90,7 +91,7 @@ class Car:
 
 
 def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
-    """Return all cars with their latest usable stiffnesses, the softest car first.
+    """Return all cars with their latest usable stiffnesses, sorted by Car.place.
 
     `done`: all logs. `table`: their rows, from keep.make_table()."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
@@ -143,7 +144,8 @@ def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, titl
 
 
 def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
-    """Return the changes of the road and the warnings of each log that has any."""
+    """Return remarks on logs. Key: path of a log that has changes of the road or
+    warnings. Value: the lists "changes" and "warnings" of this log."""
     found: dict[str, dict[str, list[Any]]] = {}
     for r in table[table["change"].notna() | table["warnings"].notna()].itertuples():
         mine = found.setdefault(r.log, {"changes": [], "warnings": []})

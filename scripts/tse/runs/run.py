@@ -1,6 +1,6 @@
 """Run all logs of a fleet. Several cars run in parallel. The drives of a car run one
-after the other, each from the learnt state of the previous one. The logs run in processes
-on this machine or on a Dask cluster, and give the same results on both."""
+after the other, each from the learnt state of the previous drive. The logs run in
+processes on this machine or on a Dask cluster. The results are the same on both."""
 
 import contextlib
 import sys
@@ -103,7 +103,8 @@ def _open_workers(jobs: int, scheduler: str | None) -> Workers:
 
 
 def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
-    """Return the outcome of a log. If its process died, the outcome is an error."""
+    """Return the outcome of a log. If the process that ran the log died, return an
+    outcome with an error."""
     try:
         return result()
     except Died as error:
@@ -111,9 +112,9 @@ def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
 
 
 def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
-    """Return groups of drives. The drives of a group run one after the other. They are
-    the drives of a car or, without `learn`, a single drive. The longest group comes
-    first, because it determines the total time."""
+    """Return groups of drives. The drives of a group run one after the other. A group has
+    the drives of one car or, if `learn` is False, a single drive. The group with most
+    drives comes first, because it determines the total time."""
     if not learn:
         return [[d] for d in drives]
     cars: dict[str, list[Drive]] = {}
@@ -133,9 +134,10 @@ class _Chain:
         self.end = 0.0  # [s since 1970] end of the drive after which `learnt` was saved
 
     def find_next(self, keep: Any) -> Task | None:
-        """Return the task of the next log that has to run. None: there is none.
+        """Return the task of the next log that has to run, or None if no log has to run.
 
-        `keep`: called with each log before it that is already done or has an error."""
+        `keep`: called with each log that is skipped because it is already done or has an
+        error."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:
@@ -183,15 +185,16 @@ class _Chain:
         )
 
     def take(self, task: Task, outcome: Outcome) -> Done:
-        """Store the outcome of the first drive, and remove the drive."""
+        """Store the outcome of the first drive of the chain, and remove the drive
+        from the chain."""
         drive = self.drives.popleft()
         outcome.error = outcome.error.replace(str(task.log), str(drive.log))
         self._learn(drive, outcome)
         return self.store.save(drive, task, outcome)
 
     def _learn(self, drive: Drive, outcome: Outcome) -> None:
-        """Use calibrated vehicle file and learnt state of a
-        drive for the following ones."""
+        """Use the calibrated vehicle file and the learnt state of a drive for the drives
+        that follow."""
         if self.plan.learn and outcome.calibrated and drive.vehicle:
             self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
         if self.plan.learn and outcome.learnt is not None:

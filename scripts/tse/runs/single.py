@@ -1,5 +1,5 @@
 """Prepare vehicle, log and settings, and run the estimator on one log. tse.estimate()
-does this, and tse.fleet() for each log."""
+calls these functions, and tse.fleet() calls them for each log."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -50,14 +50,15 @@ from tse.roads.road import Road
 
 @dataclass
 class Prepared:
-    """A run that is prepared: all inputs of the estimator, and what the checks found."""
+    """A run that is prepared: all inputs of the estimator, and the results
+    of the checks."""
 
     vehicle: Vehicle
     log: CheckedLog
     config: Config
     notes: list[str]  # sentences of all checks; `warnings` and `doubts` are among them
-    warnings: list[str]  # contradictions between channels, because of which no row is valid
-    # possible contradictions, which become warnings if the estimates confirm one
+    warnings: list[str]  # contradictions between channels; if there is any, no row is valid
+    # possible contradictions, which become warnings if the estimates show a contradiction
     doubts: list[str] = field(default_factory=list)
     own: OwnCalibration | None = None  # result of the calibration on the log itself
 
@@ -68,8 +69,8 @@ class Calibrate:
 
     say: Callable[[str], None] = lambda _: None  # called with a sentence about the current step
     others: Sequence[CheckedLog] = ()  # further logs of the same car
-    # after Ctrl-C during the calibration, estimate with an
-    # ordinary car instead of stopping
+    # if Ctrl-C ends the calibration: True: go on with the estimation, for an ordinary
+    # car; False: raise KeyboardInterrupt
     goes_on: bool = False
 
 
@@ -120,11 +121,11 @@ def assemble_run(
 ) -> Prepared:
     """Check vehicle, log and settings against each other, and prepare the run.
 
-    `vehicle`: its missing values are filled in. `average`: length of the blocks over
-    which the log is averaged, s; None: not averaged. `source`: where `settings` come
-    from, for messages. `strict`: raise UserError if there are warnings. `calibrate`:
-    options for calibrating an uncalibrated car first; None: do not. `road`: bank and
-    grade for the filter."""
+    `vehicle`: the car; values that it lacks are filled in in place. `average`: length of
+    the blocks over which the log is averaged, s; None: no averaging. `source`: where
+    `settings` come from, for messages. `strict`: raise UserError if channels contradict
+    each other. `calibrate`: options for first calibrating an uncalibrated car on the log;
+    None: no calibration. `road`: bank and grade for the filter; None: not given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -137,7 +138,7 @@ def assemble_run(
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # the filter estimates the noise itself
+        average_sensors(vehicle, lively)  # this filter estimates the noise itself
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
@@ -205,7 +206,7 @@ class Run:
     estimate: Estimates
     changes: list[Change]
     findings: list[Finding]
-    notes: list[str]  # of the preparation and of the run
+    notes: list[str]  # sentences from the preparation and from the run
     reported: bool  # whether the report was written
     started_from: str | None = None  # sentence about the learnt state of the start, with its age
 
@@ -218,12 +219,13 @@ def run_prepared(
     progress: bool = False,
     whole: bool = False,
 ) -> Run:
-    """Run the estimator. Write the estimates to `out` and the page to `report`, if given.
+    """Run the estimator. Write the estimates to the file `out` and the page to the file
+    `report`, if they are given. If the estimates show that channels contradict each
+    other, the estimator runs again with every row marked as not valid.
 
-    If the estimates show that channels contradict each other, the estimator runs again
-    with every row marked as not valid. `learnt`: learnt state from which the filter
-    starts. `progress`: show a progress bar. `whole`: keep all rows and columns in memory,
-    instead of a summary, and write no `out`."""
+    `learnt`: learnt state from which the filter starts. `progress`: show a progress bar.
+    `whole`: True: keep all rows and columns in memory, and do not write `out`. False:
+    keep only a summary."""
 
     def estimate_once() -> tuple[Estimates, Any]:
         contradicted = bool(prepared.warnings)
@@ -261,8 +263,9 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the estimates show that channels contradict each other, if the
-    preparation has not found it. The contradiction is added to the warnings."""
+    """Return whether the estimates show a contradiction between channels that the
+    preparation has not found. If so, add it to the warnings, or turn the doubts into
+    warnings."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""

@@ -54,14 +54,15 @@ class Task:
 class Outcome:
     """Result of a task."""
 
-    error: str = ""  # why the log could not be estimated; empty: it was
-    rows: list[dict[str, Any]] = field(default_factory=list)  # with the columns results.COLUMNS
+    error: str = ""  # why the log could not be estimated; empty: no error
+    # for each stretch of road and stiffness a dict with the keys results.COLUMNS
+    rows: list[dict[str, Any]] = field(default_factory=list)
     learnt: bytes | None = None  # learnt state after this drive
     report: bytes | None = None  # content of the page
     seconds: float = 0.0  # [s] duration of the log
-    code: int = 4  # from results.choose_exit_code()
+    code: int = 4  # exit code, from results.choose_exit_code(): whether the log is usable
     notes: list[str] = field(default_factory=list)
-    calibrated: str = ""  # vehicle file that was calibrated on this log; empty: it was not
+    calibrated: str = ""  # text of the vehicle file that was calibrated on this log; empty: none was
 
 
 def read_code_version() -> tuple[str, str]:
@@ -112,8 +113,8 @@ def _run_log(task: Task) -> Outcome:
         task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
     )
     made = prepared.own.text if prepared.own else ""
-    # a state that was learnt with the uncalibrated car is not
-    # valid for the calibrated one
+    # a state that was learnt with the uncalibrated car is not valid for
+    # the calibrated car
     before = task.learnt if not made else None
     learnt = Learnt(Path("the previous drive"), before, task.age, True) if before is not None else None
     if learnt is not None:

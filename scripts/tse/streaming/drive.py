@@ -49,17 +49,20 @@ from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # [s] min time between two calls that process frames
-SILENT = 1.0  # [s] time without a frame, or without a value of a channel, after which it is reported
+SILENT = 1.0  # [s] a bus without frames, or a channel without values, is reported after this time
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-FOREIGN = 2.0  # [s] if no frame of this time is in a database, it is reported
+# [s] time after the first frame. If no frame until then is in a database, it is reported
+FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
-FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, and between checks
+FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, time between later checks
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
-LISTENED, MAX_LISTENED = 20.0, 600.0  # [s] frames for the first proposal of signals; max kept for it
+# [s] time for which frames are collected before each proposal of signals; max duration of
+# the frames that are kept for it
+LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2  # [s] max duration of the frames that are processed together
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
-EVENT_SEARCH_TIME = 20.0  # [s] length of the past that is searched for events
-MIN_EVENT_AGE = 0.5  # [s] younger events are not reported yet
+# [s] length of the past that is searched for events; min age of an event that is reported
+EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
 Say = Callable[[str], None]
@@ -156,8 +159,8 @@ class Reader(threading.Thread):
             self._there.set()
 
     def _fail(self, error: Exception) -> None:
-        """Report an error of the bus, close the bus, and wait
-        until it may be opened again."""
+        """Report an error of the bus, close the bus, and wait REOPENED seconds before the
+        next attempt to open it."""
         if self._bus is not None and not self._ended.is_set():
             self._say(
                 f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on, and tries "
@@ -270,7 +273,9 @@ class DriveState:
     first: float = 0.0  # [s] time of the first row
     time: float = 0.0  # [s] time of the last row
     delay: float = 0.0  # [s] delay from a frame to its estimate, max of the last second
-    delays: list[float] = field(default_factory=list)  # [s] delay of each row once signals are known
+    # [s] delay from frame to estimate for each row that did not wait for a
+    # proposal of signals
+    delays: list[float] = field(default_factory=list)
     statuses: Counter[int] = field(default_factory=Counter)  # number of rows for each status
     contradicted: list[str] = field(default_factory=list)  # sentences on contradicting channels
 
@@ -339,12 +344,12 @@ class LiveDrive:
         self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # [s] time of the bus that is time 0 of the record
+        self._origin = float("nan")  # [s] time on the clock of the bus that is time 0 of the record
         # rows that are not written yet: times, columns, outputs
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
         self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
-        # blocks of the columns SUMMARY, of every `_stride`-th written row
+        # columns SUMMARY of every `_stride`-th written row, in blocks
         self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
@@ -363,8 +368,8 @@ class LiveDrive:
         self.closed = False
         _warm_up(config)
         gc.collect()
-        # exclude the objects loaded so far from garbage collection: to scan them takes
-        # longer than the time between two rows
+        # exclude the objects loaded so far from garbage collection: scanning them would
+        # take longer than the time between two rows
         gc.freeze()
         self.reader.start()
         self._keeper.start()
@@ -444,8 +449,8 @@ class LiveDrive:
         return np.zeros(0, library().dtype(OUTPUT))
 
     def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
-        """Report whether frames have stopped or come again, and a bus whose frames are
-        not in the databases.
+        """Report if frames have stopped or come again, and if no frame of the bus is in
+        the databases.
 
         `came`: frames since the last call. `now`: time.monotonic(), s."""
         if came:
@@ -469,8 +474,8 @@ class LiveDrive:
             )
 
     def _count(self) -> tuple[int, dict[int, int]]:
-        """Return the number of frames that are in a database, and the number of frames
-        for each identifier that is not. Used until the signals are known."""
+        """Return the number of frames whose identifier is in a database, and for each
+        other identifier the number of its frames. Used until the signals are known."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
@@ -530,7 +535,7 @@ class LiveDrive:
             )
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
-        except Exception as error:  # report it: otherwise the user would wait for signals in vain
+        except Exception as error:  # report any error: otherwise the user would wait for signals in vain
             self._say_once(
                 f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); the next "
                 "attempt uses more frames"
@@ -566,8 +571,8 @@ class LiveDrive:
         if self.drive.contradicted:
             mark_implausible(outputs)
         took = time.monotonic()
-        # rows of half a second at once have waited for the proposal of signals: their
-        # delay is not that of the filter
+        # if rows of more than half a second are made at once, they have waited for the
+        # proposal of signals, so that their delay is not that of the filter
         if came and len(times) < 0.5 / self.config.sample_time:
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
@@ -620,8 +625,8 @@ class LiveDrive:
         return rows
 
     def _look_at_channels(self) -> None:
-        """Report each channel that has received no value for SILENT, and
-        that it has values again."""
+        """Report each channel that has received no value for SILENT seconds, and each
+        channel that receives values again."""
         stream = self.stream
         assert stream is not None
         bus_now = stream.time
@@ -702,9 +707,9 @@ class LiveDrive:
 
     def _is_reported(self, what: str, start: float, end: float | None = None) -> bool:
         """Return whether an event has already been reported. If not, mark it as reported.
+        An event that continues a reported event of the same name counts as reported.
 
-        `what`: name of the event. `start`, `end` [s]. An event that continues one of the
-        same name counts as reported."""
+        `what`: name of the event. `start`, `end`: its times, s."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))
@@ -715,8 +720,8 @@ class LiveDrive:
     # ---- check of the channels against each other
 
     def _check_channels(self, columns: list[dict[str, np.ndarray]]) -> None:
-        """Check whether the channels contradict each other, with the check
-        for logs, and report it.
+        """Check by the method for logs whether the channels contradict each other, and
+        report contradictions.
 
         `columns`: the last written rows, in blocks."""
         try:
@@ -817,16 +822,14 @@ class LiveDrive:
         if not d.rows or not len(late):
             return f"{d.frames} frames, {d.rows} rows"
         return (
-            f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from "
-            "a frame "
-            f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most "
-            f"{np.quantile(late, 0.99):.0f} ms, "
-            f"longest {late.max():.0f} ms"
+            f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} rows per second; "
+            f"delay from a frame to its estimate: median {np.median(late):.0f} ms, for 99 % of the rows at "
+            f"most {np.quantile(late, 0.99):.0f} ms, max {late.max():.0f} ms"
         )
 
 
 def _has_event(x: dict[str, Any]) -> bool:
-    """Return whether these rows may hold an event."""
+    """Return whether these rows may contain an event. `x`: columns of the rows."""
     if "change_kind" not in x or not len(x["time"]):
         return False
     return bool(
@@ -848,7 +851,7 @@ def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
 
 def _warm_up(config: Config) -> None:
     """Call functions that load modules and tables at their first use, so that the first
-    frame does not wait for it."""
+    frame does not wait for this loading."""
     for wanted in ("rad", "rad/s", "m/s2"):
         unit_factor(wanted, wanted)
     make_csv_rows(convert_to_single(make_block(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))

@@ -23,8 +23,8 @@ from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # [s] min time between two rows that the page shows
-# Max number of rows that are kept, an hour. When it is exceeded,
-# the older half is dropped
+# Max number of rows that are kept: those of an hour. If there are more, the older half of
+# them is dropped
 MAX_KEPT = 72_000
 AT_A_TIME = 4000  # max number of rows in one response to the browser
 
@@ -40,7 +40,8 @@ class Page:
     port : int
         TCP port; 0: any free one.
     car : str
-        Sentence above the charts, if the car is not calibrated; otherwise empty.
+        Sentence that the page shows above the charts if the car is not calibrated;
+        otherwise empty.
     """
 
     def __init__(self, live: LiveDrive, port: int = 0, car: str = ""):
@@ -104,7 +105,7 @@ class Page:
     def _answer(self, to: BaseHTTPRequestHandler) -> None:
         asked = urlsplit(to.path)
         if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
-            to.send_error(403)  # a website whose name resolves to this machine must not read the drive
+            to.send_error(403)  # a website whose host name resolves to this machine must not read the drive
         elif asked.path == "/":
             self._send(to, "text/html; charset=utf-8", read_page().encode())
         elif asked.path == "/rows":
