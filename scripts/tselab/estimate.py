@@ -277,7 +277,7 @@ def estimate(
         sys.exit(130)
     if result.interrupted:
         rows = f"{result.rows} of {len(result.log)} rows"
-        click.echo(f"tselab: stopped by Ctrl-C after {rows}, which are in {out}", err=True)
+        click.echo(f"tselab: stopped by Ctrl-C after {rows}; {out} has their estimates", err=True)
         sys.exit(130)
     return result.exit_code
 

@@ -196,8 +196,8 @@ def fleet(
     count, page = done.counts, done.files[1]
     cars = f"{len(done.ranking)} car{'s' if len(done.ranking) != 1 else ''}"
     click.echo(
-        f"{len(done)} logs of {cars}, {done.hours:.1f} h: {count['yes']} usable, {count['in part']} in part, "
-        f"{count['no']} not usable, {count['error']} not estimated because of an error"
+        f"{len(done)} logs of {cars}, {done.hours:.1f} h: {count['yes']} usable, {count['in part']} usable "
+        f"in part, {count['no']} not usable, {count['error']} not estimated because of an error"
     )
     for place, (name, reason) in enumerate(done.ranking[:MAX_CARS], 1):
         click.echo(f"{place}. {name or 'logs without a car'}: {reason}")

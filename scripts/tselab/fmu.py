@@ -73,7 +73,7 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            continue  # keeps its start value false, so that the FMU uses the parameters below
+            continue  # stays false, its start value: otherwise the FMU would replace unset parameters
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
             continue

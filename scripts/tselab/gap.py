@@ -56,7 +56,8 @@ REPORT = click.option(
 VERBOSE = click.option(
     "--verbose",
     is_flag=True,
-    help="Also print the remaining residual of each channel, and the effects that these logs cannot show.",
+    help="Also print the remaining residual of each channel, and the effects that would not be detected in "
+    "these logs.",
 )
 
 
@@ -215,7 +216,7 @@ def _run(
     lines = [*found.words, *found.stages] if verbose else short
     if verbose and found.undetectable:
         ids = ", ".join(found.undetectable)
-        lines.append(f"These logs could not show, even at its typical size: {ids}.")
+        lines.append(f"Effects that would not be detected in these logs even at their typical size: {ids}.")
     for line in lines:
         click.echo(line)
     notes = [f"note: {line}" for line in found.notes]

@@ -124,7 +124,7 @@ def convert_age(days: float | None, load_learnt: Path | None) -> float:
     if days is None:
         return tse.UNKNOWN_AGE
     if load_learnt is None:
-        raise Error("option --age: is the age of the file of --load-learnt: give --load-learnt, too")
+        raise Error("option --age: is the age of a learnt state: give it only together with --load-learnt")
     check_range("age", days, 0.0, MAX_AGE, "days")
     return days * DAY
 

@@ -189,7 +189,7 @@ def test_a_drive_in_real_time_keeps_up(folder, tmp_path):
     drive_ = live.drive
     assert drive_.rows / (drive_.time - drive_.first) > 99.0
     assert np.median(drive_.delays) < 0.05
-    assert "100 a second" in live.numbers()
+    assert "100 rows per second" in live.numbers()
 
 
 def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
@@ -198,7 +198,7 @@ def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
     drive_live(live, Sender("foreign", strange + trip[1500:], 2.0))
     said = " ".join(text for _, text in live.said)
     assert (
-        "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of another bus"
+        "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of a different bus"
         in said
     )
     assert live.drive.rows > 1300

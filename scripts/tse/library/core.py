@@ -88,8 +88,8 @@ class EffectParameter:
     setting: str
     unit: str
     text: str
-    # True: a strength, 0 switches the effect off. False: a shape, without effect while
-    # all strengths of the effect are 0
+    # True: the parameter is a strength, whose value 0 switches the effect off. False: it
+    # is a shape, which has no influence while all strengths of the effect are 0
     strength: bool
     sign: int  # plausible sign of a strength: 1, -1, or 0 if both are plausible
     default: float
@@ -97,7 +97,8 @@ class EffectParameter:
     high: float
     typical: tuple[float, float]
     negligible: float  # absolute value below which the effect is not reported
-    # True: a shape that logs cannot distinguish from the strength; no fit estimates it
+    # True: the parameter is a shape that logs cannot distinguish from the strength. No
+    # fit estimates it
     given: bool = False
 
 
@@ -114,7 +115,7 @@ class EffectRow:
     estimator: str  # description of how the filters use the effect
     bit: int  # number of its bit in tse_effects.mask
     filter: str  # filters whose estimate its settings change: both, default or none
-    occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
+    occurrence: str  # where it occurs: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
     # title that replaces `title` if the fitted value is below `early_below`. The cause of
     # such a value is a latency of messages or a low-pass filter of the IMU, not the car.
     # "": there is no such title
@@ -647,7 +648,7 @@ def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings
         if name in group:
             f, value = group.fields[name], getattr(group, name)
             if value == f.default:
-                # unset, therefore computed from other settings
+                # the setting is not set: the library computes it from other settings
                 raise SettingError(
                     f"{name} follows from mass, lf and lr, and is outside its range {f.range_text} ({f.text})"
                 )

@@ -26,7 +26,8 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# errors that the user can resolve: full or failed disk, quota, size limit, read-only disk
+# codes of errors that the user can resolve: full or failed disk, quota, size limit,
+# read-only disk
 WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
@@ -306,7 +307,7 @@ parse_toml = tomllib.loads
 
 INTEGER_LIMIT = 1 << 63  # an integer of TOML has 64 bits; Python would accept longer ones
 MAX_TOML_BYTES = 16 << 20  # [bytes] a signals.toml of 10 000 channels has 1 MB
-MAX_TOML_DEPTH = 64  # number of tables that may contain each other
+MAX_TOML_DEPTH = 64  # max nesting depth of tables
 
 
 def check_regular(path: Path, max_bytes: int, what: str) -> None:

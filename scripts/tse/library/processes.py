@@ -189,7 +189,7 @@ class DaskCluster(Workers):
         check(self._client, scheduler)
         import distributed
 
-        # a worker may die; Dask's warnings about it are not shown
+        # do not show Dask's warnings about workers that have died: next() reports them
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._finished: Any = distributed.as_completed([], loop=self._client.loop)
         self._tasks: dict[str, Any] = {}

@@ -288,7 +288,8 @@ def collect_notes(prepared: Prepared, est: Estimates) -> list[str]:
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:
         notes.append(
-            f"{refused} rows were refused by the library: they have no estimates, and their status says why"
+            f"{refused} rows were refused by the library: they have no estimates, and their status gives the "
+            "reason"
         )
     return [
         *notes,

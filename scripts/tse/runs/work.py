@@ -42,7 +42,7 @@ class Task:
     form: str
     settings: Mapping[str, float]
     learnt: bytes | None  # learnt state after the previous drive of the car
-    age: float  # [s] time from the end of that drive to the start of this one
+    age: float  # [s] time from the end of the previous drive to the start of this one
     report: bool  # whether a page is written
     estimates: Path | None  # file for the estimates of every row; None: they are not written
     calibrate: bool  # whether an uncalibrated car is calibrated on this log and on `others`
@@ -87,8 +87,8 @@ def run_task(task: Task) -> Outcome:
         return Outcome(error=str(error))
     except MemoryError:
         return Outcome(
-            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it on a machine "
-            "with more memory"
+            error=f"{task.log}: is too long for the memory of this machine: cut the log, or run it on a "
+            "machine with more memory"
         )
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]

@@ -95,7 +95,7 @@ class Reader(threading.Thread):
     def __init__(self, open_bus: Callable[[], Any], say: Say, record: Callable[[Any], None]):
         super().__init__(daemon=True, name="bus")
         self._open, self._say, self._record = open_bus, say, record
-        self._bus = open_bus()  # here and not in the thread, so that the caller gets the error
+        self._bus = open_bus()  # not in the thread, so that the caller gets an error of open_bus()
         self._came: deque[Arrived] = deque()
         self._there, self._ended = threading.Event(), threading.Event()
         self.count = 0
@@ -128,7 +128,7 @@ class Reader(threading.Thread):
                     self._bus = self._open()
                     self._say("the bus is open again")
                 message = self._bus.recv(0.2)
-            except Exception as error:  # each driver raises other types
+            except Exception as error:  # the type of the error depends on the driver
                 self._fail(error)
                 continue
             if message is None:
@@ -185,7 +185,7 @@ def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callabl
     def opened() -> Any:
         try:
             return can.Bus(interface=interface, channel=channel, **more)
-        except Exception as error:  # each driver raises other types
+        except Exception as error:  # the type of the error depends on the driver
             raise UserError(
                 f"interface {interface}, channel {channel}: cannot be opened: "
                 f"{str(error)[:200] or type(error).__name__}"
@@ -387,7 +387,7 @@ class LiveDrive:
             shutil.copyfile(p, folder / p.name)
         if self._signals is not None and self._signals.path is not None:
             text = self._signals.path.read_text(encoding="utf-8-sig")
-            text = re.sub(r"(?m)^\s*databases\s*=.*\n", "", text)  # they are now in the same folder
+            text = re.sub(r"(?m)^\s*databases\s*=.*\n", "", text)  # the databases are now in the same folder
             self.record.write("frames.signals.toml", text.encode())
         if self._learnt is not None:
             self.record.write("before.tse", self._learnt.data)
@@ -470,7 +470,7 @@ class LiveDrive:
             names = ", ".join(p.name for p in self.databases)
             self.say(
                 f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of "
-                "another bus"
+                "a different bus"
             )
 
     def _count(self) -> tuple[int, dict[int, int]]:

@@ -31,8 +31,8 @@ LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
-# sd of a change at a known time, relative to the stiffness: part common to all three
-# stiffnesses, and part of each stiffness alone
+# sd of the change of a stiffness at a known time, as a fraction of the stiffness. COMMON:
+# part that is the same for all three stiffnesses. OWN: part that is independent for each
 COMMON, OWN = 0.4, 0.1
 PEER_DTYPE = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
@@ -46,7 +46,7 @@ class Known:
     """True values of the simulation that the filter gets."""
 
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
-    noise_sd: tuple[float, float, float]  # of accel_x, accel_y [m/s2], yaw_rate [rad/s]
+    noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
     forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
     held: bool = False  # whether the steering angle is held between rows; otherwise it is linear
     # [s] times, counted from the first row, at which the mean stiffness changes; only the

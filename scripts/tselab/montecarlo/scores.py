@@ -32,16 +32,19 @@ from tselab.montecarlo.peers import LOW_SPEED
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
 SETTLE_AFTER = 10.0  # [s] errors do not count for this time after the start, an event or a disturbance
 VALID_AFTER = 5.0  # [s] the valid flag does not count for this time after the start
-CLOSE = 0.10  # max relative error of an estimate that has settled, or counts as right
+CLOSE = 0.10  # max relative error at which an estimate counts as settled, or as right
 # A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
 # clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
-REVERSE_SPEED = -0.1  # [m/s] as in src/estimator/filter.c
+LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips, as in src/model/vehicle.h
+# [m/s] if a wheel is slower, the car drives in reverse, and no estimator learns; as in
+# src/estimator/filter.c
+REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # min probability of a change of regime that counts as reported
 SCORED_STATES = ("vel_x", "yaw_rate")
-DISTINCT = 0.5  # [s] reported changes that are closer together count as one
+DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
 # [s] a reported change is correct if its time is at most BEFORE earlier, or at most AFTER
 # later, than that of a true change
 BEFORE, AFTER = (0.15, 2.0)
@@ -263,7 +266,7 @@ def compute_settling_time(
     part = (time >= start - 1e-9) & (time < end - 1e-9)
     t = time[part]
     wrong = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
-    begins = np.concatenate([[0], wrong + 1])  # first rows of stretches without a wrong row, some empty
+    begins = np.concatenate([[0], wrong + 1])  # first row of each stretch without wrong rows; may be empty
     begins = begins[begins < len(t)]
     ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # time of the next wrong row, inf: none
     long = np.flatnonzero(ends - t[begins] >= hold - 1e-9)

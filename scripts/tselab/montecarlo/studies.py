@@ -61,7 +61,7 @@ def drive_listed(
 
 
 LANE_CHANGE = (302.0, 3.0, 0.015)  # start [s], duration [s], steering amplitude [rad]
-HIGHWAY_END = 315.0  # [s]
+HIGHWAY_END = 315.0  # [s] end of the drive
 
 
 def drive_highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
@@ -73,16 +73,15 @@ def drive_highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
     return replace(m, steer_angle=m.steer_angle + amplitude * sine)
 
 
-REVERSE_END = 60.0  # [s]
+REVERSE_END = 60.0  # [s] end of the drive
 
 
 def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """Return a drive that begins at standstill, goes backwards at 3 m/s with steering,
     stops, accelerates to 18 m/s, and ends with the paper's square waves."""
     t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
-    force = (
-        np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
-    )  # m/s2
+    # [N] product of acceleration [m/s2] and mass
+    force = np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
     waves = t >= 30
     torque = np.where(waves, WAVE_TORQUE * make_square(t, 5.0), force * car.wheel_radius_front)
     steer = np.select(
@@ -93,7 +92,7 @@ def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
 
 
 PULSES = (20.0, 45.0)  # [s] times at which the front wheels lock or spin
-PULSES_END = 75.0  # [s]
+PULSES_END = 75.0  # [s] end of the drive
 LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # [Nm] torque of the front brakes, [s] its duration
 SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # [Nm] torque on the front wheels, [s] its duration
 
@@ -149,7 +148,7 @@ def drive_paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> 
     m = drive_listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
     t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
     before = len(t) - len(m.time)
-    drive = np.select([(t >= 1) & (t < 4), (t >= 6) & (t < 9)], [1.0, 1.0], 0.0)  # m/s2
+    drive = np.select([(t >= 1) & (t < 4), (t >= 6) & (t < 9)], [1.0, 1.0], 0.0)  # [m/s2] acceleration
     torque = drive * car.mass * car.wheel_radius_front
     torque[before:] += m.wheel_torque_front
     steer = np.concatenate([np.zeros(before), m.steer_angle])
@@ -528,7 +527,7 @@ def _make_regime_cases() -> tuple[Case, ...]:
     )
 
 
-TEN_MINUTES = 600.0  # [s]
+TEN_MINUTES = 600.0  # [s] duration of the drive
 
 
 def _make_false_alarm_cases() -> tuple[Case, ...]:
