@@ -51,7 +51,7 @@ from tse.readers.recording import ReadOptions, Recording, import_optional, list_
 TICK = 0.002  # [s] min time between two calls that process frames
 SILENT = 1.0  # [s] a bus without frames, or a channel without values, is reported after this time
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-# [s] time after the first frame. If no frame until then is in a database, it is reported
+# [s] time after the first frame. A bus with no frame in the databases by then is reported
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, time between later checks

@@ -41,6 +41,7 @@ LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips, as in src/m
 # src/estimator/filter.c
 REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
+# names of the shares of rows that score_run() returns, in the order of its code
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # min probability of a change of regime that counts as reported
 SCORED_STATES = ("vel_x", "yaw_rate")
@@ -60,7 +61,7 @@ class Knowable:
     """How well the stiffnesses can be estimated in each of the n rows of a drive,
     computed from the truth. The three columns of an array are the stiffnesses."""
 
-    best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: the row is not learnt from
+    best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
     # (n, 3) ratio of true mean stiffness to nominal. If tyres saturate: of the secant
     # stiffness, averaged over rows in the linear range
     level: np.ndarray
