@@ -23,8 +23,8 @@ TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")  # suffixes of ta
 
 
 def fold(text: str) -> list[str]:
-    """Wrap a text to the width MAX_WIDTH. Return its lines, all but the first of which are
-    indented by two more columns."""
+    """Wrap a text to the width MAX_WIDTH. Return its lines, all but the first of which
+    are indented by two more columns."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
         text, MAX_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False

@@ -30,8 +30,8 @@ MIN_LOGS = 3  # a log is compared with the other logs of the car if there are at
 # larger ratio gives a warning. Ratios up to this limit are normal: even on dry asphalt,
 # where the stiffness is largest, it varies, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
-# Columns of the table fleet.parquet, and their types. Those of results.FLEET_COLUMNS describe
-# the estimate, the others the drive
+# Columns of the table fleet.parquet, and their types. Those of results.ESTIMATE_COLUMNS
+# describe the estimate, the others the drive
 FLEET_COLUMNS: dict[str, str] = {
     "car": "string",
     **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},

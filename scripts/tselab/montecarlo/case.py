@@ -14,9 +14,12 @@ from tse.simulation.simulate import drive as run_simulator
 # Settings of all cases: initial stiffness 70 % of nominal; front-wheel drive, because all
 # manoeuvres have torque on the front axle; model of the paper, equations (1) to (4),
 # which has no exact kinematics
-INITIAL_SETTINGS = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
+INITIAL_SETTINGS = {
+    **{f"initial_{s}": 0.7 for s in STIFFNESS},
+    "driven_axle": 1,
+    "exact_kinematics_share": 0.0,
+}
 SCORED_WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
-G = 9.81  # [m/s2]
 LINEAR = 0.6  # max ratio of tyre force to friction limit at which a tyre counts as linear
 
 # Functions that a case may have. Their arguments are explained at the fields of Case

@@ -38,7 +38,11 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")  # the extended Kalman filters of peers.py
-FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}  # estimator: form of its settings
+FORM_OF_ESTIMATOR = {
+    "robust": "robust",
+    "paper": "paper",
+    "printed": "paper",
+}  # estimator: form of its settings
 # Settings in which "printed" differs from "paper": it starts at the speed of Sec. IV-A of
 # the paper, and integrates by the Euler method
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
@@ -76,8 +80,9 @@ def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
     """Return the settings of an estimator. They are collected in this order, each of
-    which overrides the ones before it: START, the settings of the form, `settings` of the
-    user, settings of the case (`about`), settings of the estimator itself."""
+    which overrides the ones before it: INITIAL_SETTINGS, the settings of the form,
+    `settings` of the user, settings of the case (`about`), settings of the estimator
+    itself."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
     return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})

@@ -36,7 +36,6 @@ CLOSE = 0.10  # max relative error at which an estimate counts as settled, or as
 # A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
 # clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
-LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips, as in src/model/vehicle.h
 # [m/s] if a wheel is slower, the car drives in reverse, and no estimator learns; as in
 # src/estimator/filter.c
 REVERSE_SPEED = -0.1
