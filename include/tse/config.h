@@ -10,12 +10,11 @@
 
 #include "tse/real.h"
 
-/* Values of the setting form: 0 is the default Kalman filter, 1 the
- * paper's particle filter. */
+/* Values of setting `form`: 0 default Kalman filter, 1 paper's particle filter. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build with TSE_NO_PARTICLES saves at least 12 kB of flash on a Cortex-M. It has no
+/* A build with TSE_NO_PARTICLES saves at least 12 kB of flash on a Cortex-M. It lacks the
  * paper's filter and refuses form 1. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
@@ -34,7 +33,7 @@ typedef struct tse_config {
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: unknown, and no
                                                  * stiffness becomes valid */
   tse_setting yaw_inertia;                      /* [kg m2] 0, 10 .. 1000000; yaw moment of inertia about
-                                                 * the centre of gravity; 0: mass times lf times lr */
+                                                 * the centre of gravity; 0: mass lf lr is used */
   tse_setting lf;                               /* [m] 1.25, 0.1 .. 10; distance from the centre of gravity
                                                  * to the front axle */
   tse_setting lr;                               /* [m] 1.5, 0.1 .. 10; distance from the centre of gravity
@@ -55,13 +54,13 @@ typedef struct tse_config {
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
                                                  * of the rear axle; 0: value of an ordinary car with this
                                                  * axle load */
-  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; relative deviation of the rear
-                                                 * longitudinal stiffness from nominal, over that of the
-                                                 * front one; paper's filter */
+  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; ratio of the relative deviation of the
+                                                 * rear longitudinal stiffness from nominal to the relative
+                                                 * deviation of the front one; paper's filter */
   tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; yaw_inertia
-                                                 * deviates from its setting in proportion */
-  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia if the
-                                                 * mass is exact */
+                                                 * deviates in proportion to the mass */
+  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia for a
+                                                 * given mass */
   tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the position of the centre of
                                                  * gravity between the axles */
   tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; relative sd of the scale of
@@ -69,7 +68,8 @@ typedef struct tse_config {
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
   tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale of accel_y;
-                                                 * gravity by body roll contributes to it */
+                                                 * the gravity that accel_y measures when the body rolls
+                                                 * contributes to it */
   tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
                                                  * relative to the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
@@ -85,9 +85,10 @@ typedef struct tse_config {
                                                  * steer of the rear axle */
   tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; relative sd of the ratio of the
                                                  * rear to the front wheel radius */
-  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; model discrepancy: sd of the part of
-                                                 * an IMU channel that the model does not explain, over the
-                                                 * recent rms of the channel; it lasts about a second */
+  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; sd of the model discrepancy, the
+                                                 * part of an IMU channel that the model does not explain,
+                                                 * divided by the recent rms of the channel; its
+                                                 * correlation time is about a second */
   tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of the road grade, which is a
                                                  * state: gravity along the road accelerates the car, but
                                                  * accel_x does not measure it */
@@ -101,8 +102,8 @@ typedef struct tse_config {
                                                  * speed (mean of the two wheels of an axle); default
                                                  * filter */
   tse_setting steer_lag_sd;                     /* [s] 0.025, 0 .. 0.2; sd of the delay of the steering
-                                                 * angle relative to the IMU, by bus, steering and tyres;
-                                                 * 0: the delay is known exactly; default filter */
+                                                 * angle relative to the IMU, caused by bus, steering and
+                                                 * tyres; 0: the delay is known exactly; default filter */
   tse_setting accel_x_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_x at the
                                                  * start */
   tse_setting accel_y_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_y at the
@@ -110,11 +111,11 @@ typedef struct tse_config {
   tse_setting yaw_rate_bias_sd;                 /* [rad/s] 0.01, 0 .. 0.5; sd of the bias of yaw_rate at
                                                  * the start */
   tse_setting accel_x_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
-                                                 * the accel_x bias in 1 s, equations (8), (18) */
+                                                 * the accel_x bias in 1 s, equations (8) and (18) */
   tse_setting accel_y_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
-                                                 * the accel_y bias in 1 s, equations (8), (18) */
+                                                 * the accel_y bias in 1 s, equations (8) and (18) */
   tse_setting yaw_rate_bias_walk;               /* [rad/s/sqrt(s)] 0.0001, 0 .. 0.1; sd of the random walk
-                                                 * of the yaw_rate bias in 1 s, equations (8), (18) */
+                                                 * of the yaw_rate bias in 1 s, equations (8) and (18) */
   tse_setting steer_angle_latency;              /* [s] 0, -0.2 .. 0.2; latency of steer_angle in the log
                                                  * relative to yaw_rate; negative: logged earlier */
   tse_setting wheel_speed_front_latency;        /* [s] 0, -0.2 .. 0.2; latency of wheel_speed_front in the
@@ -150,39 +151,38 @@ typedef struct tse_config {
   tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; relative sd of the ratio of a
                                                  * measured speed to the wheel speeds, which depends on the
                                                  * wheel radii */
-  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with a smaller torque counts
-                                                 * as rolling freely: two sd of offset and noise of the
-                                                 * torque */
-  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of a given bank or grade:
-                                                 * estimates from different laps of a road agree within
-                                                 * this */
-  tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass over its setting, minus 1 */
-  tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia over its setting,
-                                                 * minus 1 */
+  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with a smaller |torque|
+                                                 * counts as rolling freely; twice the sd of offset and
+                                                 * noise of the torque signal */
+  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a given bank
+                                                 * or grade: difference between estimates from different
+                                                 * laps of one road */
+  tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass / setting - 1 */
+  tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia / setting - 1 */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
                                                  * subtracted from lr; at most 9/10 of either */
-  tse_setting wheel_radius_change;              /* [1] 0, -0.1 .. 0.1; true rolling radius over its
-                                                 * setting, minus 1; both axles */
-  tse_setting steering_ratio_change;            /* [1] 0, -0.3 .. 0.3; true road-wheel angle over the
-                                                 * logged one, minus 1 */
-  tse_setting steering_offset_angle;            /* [rad] 0, -0.05 .. 0.05; true road-wheel angle minus the
-                                                 * logged one */
+  tse_setting wheel_radius_change;              /* [1] 0, -0.1 .. 0.1; true rolling radius / setting - 1,
+                                                 * the same for both axles */
+  tse_setting steering_ratio_change;            /* [1] 0, -0.3 .. 0.3; true road-wheel angle / logged angle
+                                                 * - 1 */
+  tse_setting steering_offset_angle;            /* [rad] 0, -0.05 .. 0.05; true road-wheel angle minus
+                                                 * logged angle */
   tse_setting steering_delay_time;              /* [s] 0, 0 .. 0.2; delay from the logged angle to the
                                                  * wheels */
   tse_setting steering_lag_time;                /* [s] 0.02, 0 .. 0.5; sum of the time constants of both
                                                  * lags from the logged angle to the wheels */
-  tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; time constant of the second lag over that
-                                                 * of the first; 0: one lag only */
+  tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; time constant of the second lag / time
+                                                 * constant of the first lag; 0: one lag only */
   tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) with small
                                                  * angles, 1: exact, in between: linear interpolation */
-  tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; steering angle lost per
+  tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; loss of steering angle /
                                                      * moment about the steering axis */
   tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever arm of the lateral force
                                                  * about the steering axis */
-  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; steering angle of the rear wheels,
-                                                 * into the turn, per roll angle */
-  tse_setting rear_roll_steer_roll;             /* [rad s2/m] 0.0075, 0.0005 .. 0.03; roll angle per
-                                                 * lateral acceleration */
+  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; steering angle of the rear wheels
+                                                 * into the turn / roll angle */
+  tse_setting rear_roll_steer_roll;             /* [rad s2/m] 0.0075, 0.0005 .. 0.03; roll angle / lateral
+                                                 * acceleration */
   tse_setting rear_roll_steer_frequency;        /* [Hz] 1.5, 0.3 .. 6; natural frequency of the roll */
   tse_setting rear_roll_steer_damping;          /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
   tse_setting relaxation_length;                /* [m] 0.4, 0 .. 3; distance over which the slip angle
@@ -191,12 +191,12 @@ typedef struct tse_config {
   tse_setting stiffness_drift_change;           /* [1] 0, -0.6 .. 1; relative change of all stiffnesses at
                                                  * the end of the drift */
   tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; duration of the drift; a short
-                                                 * one makes a step */
-  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time at which the drift begins, from
-                                                 * the start */
+                                                 * duration makes it a step */
+  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the start to the beginning
+                                                 * of the drift */
   tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k in the factor 1/sqrt(1 + k slip^2)
                                                  * of the lateral force */
-  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle over its max
+  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle / its max
                                                  * lateral force */
   tse_setting tyre_saturation_shape;            /* [1] 1, 0 .. 1; 0: brush model with parabolic pressure
                                                  * distribution, 1: magic-formula tyre, which saturates
@@ -204,34 +204,35 @@ typedef struct tse_config {
   tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; 1/friction is multiplied by 1 +
                                                  * balance in front and by 1 - balance in the rear;
                                                  * positive: the front axle saturates first */
-  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k: relative cornering
-                                                 * stiffness per accel_x that the front axle loses and the
-                                                 * rear axle gains */
+  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k: relative change of the
+                                                 * cornering stiffness / accel_x; the front axle loses
+                                                 * stiffness if accel_x is positive, and the rear axle
+                                                 * gains it */
   tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
-                                                   * balance) in the rear: tyres with more load gain less
-                                                   * stiffness by additional load */
+                                                   * balance) in the rear: the stiffness of tyres with a
+                                                   * higher load changes less with load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k in the cornering
                                                  * stiffness C (1 - k accel_y^2) */
   tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
-                                                 * balance) in the rear: distribution of the roll moment */
-  tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force over the square of the speed:
-                                                 * 1/2 rho cd A */
-  tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force over weight, against the
-                                                 * motion */
+                                                 * balance) in the rear: distribution of the roll moment
+                                                 * between the axles */
+  tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force / speed squared: 1/2 rho cd A */
+  tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force against the motion / weight */
   tse_setting grade_angle;                      /* [rad] 0, -0.35 .. 0.35; grade of the road, positive
-                                                 * uphill; a replay adds a profile */
+                                                 * uphill; a replay adds the grade of each row */
   tse_setting bank_angle;                       /* [rad] 0, -0.35 .. 0.35; bank of the road, positive if
-                                                 * the left side is higher; a replay adds a profile */
+                                                 * the left side is higher; a replay adds the bank of each
+                                                 * row */
   tse_setting bank_superelevation;              /* [1] 0.1, -0.5 .. 0.5; share of the lateral acceleration
                                                  * in a curve (speed times yaw rate) that the bank of the
                                                  * road provides */
-  tse_setting crosswind_speed;                  /* [m/s] 0, -30 .. 30; speed of a steady wind, positive if
-                                                 * it pushes to the left at the initial heading with
-                                                 * crosswind_heading = 0 */
+  tse_setting crosswind_speed;                  /* [m/s] 0, -30 .. 30; speed of a steady wind; positive:
+                                                 * with crosswind_heading = 0 it pushes the car to the left
+                                                 * at the start */
   tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; initial heading, relative to the
                                                  * heading at which the wind is a pure side wind */
-  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force over the product of
-                                                 * wind speed and air speed */
+  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force / (wind speed times
+                                                 * air speed) */
   tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; distance of the centre of pressure in
                                                  * front of the centre of gravity */
   tse_setting conicity_front;                   /* [N] 0, -2000 .. 2000; lateral force of the front axle at
@@ -244,28 +245,28 @@ typedef struct tse_config {
                                                  * centre of gravity */
   tse_setting imu_lever_arm_y;                  /* [m] 0, -2 .. 2; position of the IMU to the left of the
                                                  * centre of gravity */
-  tse_setting body_roll_gain;                   /* [rad s2/m] 0.006, -0.02 .. 0.04; roll angle per lateral
+  tse_setting body_roll_gain;                   /* [rad s2/m] 0.006, -0.02 .. 0.04; roll angle / lateral
                                                  * acceleration */
   tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
   tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
-                                                 * minus coupling: height above the centre of gravity */
-  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass over mass, times the
-                                                 * height of its centre of gravity above the roll axis; by
-                                                 * it roll acceleration pushes the car sideways */
-  tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle per
-                                                 * longitudinal acceleration, positive nose up */
+                                                 * minus body_roll_coupling: about the height above the
+                                                 * centre of gravity */
+  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass / mass, times the height
+                                                 * of the centre of gravity of the sprung mass above the
+                                                 * roll axis; roll acceleration times this length is a
+                                                 * lateral acceleration of the car */
+  tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle / longitudinal
+                                                 * acceleration, positive: the nose rises when the car
+                                                 * accelerates */
   tse_setting pitch_leak_frequency;             /* [Hz] 1.8, 0.3 .. 6; natural frequency of the pitch */
   tse_setting pitch_leak_damping;               /* [1] 0.4, 0.05 .. 2; damping ratio of the pitch */
   tse_setting pitch_leak_height;                /* [m] 0, -1 .. 1.5; height of the IMU above the pitch axis */
   tse_setting imu_misalignment_angle;           /* [rad] 0, -0.2 .. 0.2; angle from the axes of the car to
                                                  * those of the IMU, positive left */
-  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_x over its true
-                                                 * value, minus 1 */
-  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_y over its true
-                                                 * value, minus 1 */
-  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading of yaw_rate over its true
-                                                 * value, minus 1 */
+  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_x / true value - 1 */
+  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_y / true value - 1 */
+  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading of yaw_rate / true value - 1 */
   tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; delay of the readings relative to
                                                  * steering angle and wheel speeds */
   tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the user's formula; 0: no
@@ -302,26 +303,27 @@ typedef struct tse_config {
   int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 of the formula */
   tse_setting sample_time;                      /* [s] 0.01, 0.001 .. 0.1; nominal time between rows */
   tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; forgetting factor lambda of
-                                                 * equation (17) for a nominal sample; the memory is 1/(1 -
+                                                 * equation (17) per sample_time; the memory is 1/(1 -
                                                  * lambda) samples; paper's filter */
   tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of gamma in
-                                                 * equation (17), that is of the mean, for a nominal
-                                                 * sample; 0: equal to forgetting (the paper); paper's
-                                                 * filter */
+                                                 * equation (17), which belongs to the mean, per
+                                                 * sample_time; 0: equal to the setting forgetting (the
+                                                 * paper); paper's filter */
   tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean, used
-                                                 * while innovations are correlated, as after a change of
-                                                 * road; 1: no reduction (the paper); paper's filter */
+                                                 * while innovations are correlated, for example after a
+                                                 * change of road; 1: no reduction (the paper); paper's
+                                                 * filter */
   tse_setting resample_threshold;               /* [1] 0.5, 0 .. 1; resample when the effective number of
                                                  * particles N_eff falls to this share of all particles;
                                                  * paper's filter */
-  tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; initial front longitudinal stiffness
-                                                 * over nominal */
-  tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; initial front cornering stiffness over
-                                                 * nominal */
-  tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; initial rear cornering stiffness over
-                                                 * nominal */
-  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness
-                                                 * over nominal, sqrt(gamma Sigma); paper's filter */
+  tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; initial front longitudinal stiffness,
+                                                 * relative to nominal */
+  tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; initial front cornering stiffness,
+                                                 * relative to nominal */
+  tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; initial rear cornering stiffness,
+                                                 * relative to nominal */
+  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness,
+                                                 * relative to nominal: sqrt(gamma Sigma); paper's filter */
   tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; relative sd of the initial longitudinal
                                                  * stiffness; default filter */
   tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; relative sd of the initial front
@@ -335,22 +337,25 @@ typedef struct tse_config {
                                                  * that setting is 0, too; default filter */
   tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; relative sd of grip; default filter */
   tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; initial sample-to-sample sd of a
-                                                 * stiffness over nominal, sqrt(Sigma); paper's filter */
+                                                 * stiffness, relative to nominal: sqrt(Sigma); paper's
+                                                 * filter */
   tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; max learnt sample-to-sample sd of a
-                                                 * stiffness over nominal, because a larger one is sensor
-                                                 * noise; 2: no limit (the paper); paper's filter */
+                                                 * stiffness, relative to nominal; a larger one would be
+                                                 * sensor noise; 2: no limit (the paper); paper's filter */
   tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of the random factor of
                                                  * mean 1 by which Lambda of a resampled particle is
                                                  * multiplied, so that copies differ; 0: no factor (the
                                                  * paper); paper's filter */
-  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu: number
-                                                 * of samples that initial_spread counts as; paper's filter */
+  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu:
+                                                 * initial_spread has the weight of this many samples;
+                                                 * paper's filter */
   tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; min sd of a mean stiffness that was
                                                  * learnt in an earlier drive, relative to nominal, because
                                                  * the road may be different */
-  tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; sd of the random walk of a
-                                                 * mean stiffness between drives in one day, relative to
-                                                 * nominal: wear, pressure, temperature, other tyres */
+  tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; random walk of a mean
+                                                 * stiffness between drives: sd of its change in one day,
+                                                 * relative to nominal, by wear, pressure, temperature,
+                                                 * other tyres */
   tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; initial vel_x if
                                                  * initial_vel_x_from_wheels is 0; paper's filter */
   tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; sd of the initial vel_x; paper's
@@ -360,10 +365,10 @@ typedef struct tse_config {
   tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; sd of the initial yaw rate, whose
                                                  * mean is the first sample, or 0 if it is missing; paper's
                                                  * filter */
-  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; min stiffness over nominal;
-                                                 * paper's filter with reflect_draws = 0: only of the
-                                                 * initial value */
-  tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; max stiffness over nominal */
+  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; min stiffness, relative to
+                                                 * nominal; in the paper's filter with reflect_draws = 0 it
+                                                 * limits only the initial value */
+  tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; max stiffness, relative to nominal */
   tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; min wheel speed for learning; below
                                                  * it, and in reverse, stiffness is not updated */
   tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; max steering angle for learning;
@@ -375,9 +380,10 @@ typedef struct tse_config {
   tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; max time between rows; after a
                                                  * longer gap the motion is set from the sensors */
   tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; max sd of a valid stiffness,
-                                                 * relative to its mean (paper's filter: to nominal) */
-  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; sd of the random walk of a
-                                                 * stiffness in 1 s between events, relative: wear,
+                                                 * relative to its mean (paper's filter: relative to
+                                                 * nominal) */
+  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; relative sd of the random
+                                                 * walk of a stiffness in 1 s while no event happens: wear,
                                                  * temperature; default filter */
   int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM;
                                                  * filter: 0 the default Kalman filter, 1 the paper's
@@ -385,10 +391,10 @@ typedef struct tse_config {
                                                  * tse_config_robust() */
   tse_setting cg_height;                        /* [m] 0.55, 0 .. 3; height of the centre of gravity, for
                                                  * the load transfer between the axles; default filter */
-  int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are one signal, the
+  int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are the same signal, the
                                                  * speed of the vehicle, from which no slip can be
-                                                 * estimated; 2: two signals, unless they are found to be
-                                                 * one; default filter */
+                                                 * estimated; 2: they are two signals, unless the filter
+                                                 * finds that they are the same; default filter */
   int32_t driven_axle;                          /* 0, 0 .. 2; driven axle: 0 both or unknown, 1 front, 2
                                                  * rear; the other axle rolls freely while the car does not
                                                  * brake; default filter */

@@ -1,9 +1,9 @@
 /* tse/convert.h - convert between double and the number format of the library.
  *
  * This header is for programs that use the library; the library itself does not include
- * it. NaN stays NaN. A value beyond the fixed-point range becomes the largest number. As
- * this number is out of every range, tse_prepare() refuses it, and tse_step() refuses the
- * row or takes the channel as missing. */
+ * it. NaN stays NaN. A value beyond the fixed-point range becomes +-2^28, which is out of
+ * the range of every setting and channel. tse_prepare() refuses such a setting. If a
+ * channel has this value, tse_step() refuses the row or treats the channel as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 

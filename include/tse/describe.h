@@ -60,7 +60,7 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
  *   title        name of the effect
  *   entry_point  part of the model that the effect changes
  *   channels     channels in which the effect is visible
- *   look_alikes  effects that are hard to distinguish from this one
+ *   look_alikes  effects whose influence on the channels is similar
  *   estimator    how the filters use the effect */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
@@ -91,8 +91,8 @@ typedef struct tse_effect_parameter {
                                   * from logs together with the strength */
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
   double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
-  double typical_lo, typical_hi; /* range of its size in mid-size cars */
-  double negligible;             /* smallest size that is reported; 0 for shapes */
+  double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
+  double negligible;             /* a strength of smaller magnitude is not reported; 0 for shapes */
 } tse_effect_parameter;
 
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.
@@ -106,14 +106,14 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
  *   count NULL: no count */
 const tse_setting_row *tse_describe_settings(int32_t *count);
 
-/* Properties of this build of the library. */
+/* Properties of this build of the library. New members are appended at the end, so that a
+ * host can read the struct of an older library. */
 typedef struct tse_build {
   const char *version, *format;                                /* version; number format */
   int32_t capacity;                                            /* max number of particles */
   int32_t filter_bytes, params_bytes, sim_bytes, learnt_bytes; /* sizes of the structs */
   int32_t filter_paper_bytes;
-  int32_t fraction_bits; /* fraction bits of a fixed-point number; 0 in other formats. New members come last,
-                          * so that a host can read the struct of an older library */
+  int32_t fraction_bits; /* fraction bits of a fixed-point number; 0 in other formats */
 } tse_build;
 
 /* Fill b with the properties of this build.   b NULL: no effect. */

@@ -19,14 +19,14 @@
  *    12  u32       bit a is 1 if stiffness a has been learnt (TSE_CX_FRONT ...)
  *    16  u32       degrees of freedom nu of the process sd; particle filter only
  *    20  q24 x 11  means: biases of accel_x and accel_y [m/s2] and of yaw_rate [rad/s];
- *                  logarithms of cx_front, cy_front, cy_rear and grip over the value in
- *                  the settings; steering offset [rad], error of the steering ratio [1],
- *                  latency of the steering [s], ratio of the front to the rear wheel
- *                  radius, less 1
+ *                  ln(x / value in the settings) for x = cx_front, cy_front, cy_rear and
+ *                  grip; steering offset [rad], error of the steering ratio [1], latency
+ *                  of the steering [s], front wheel radius in the settings / true one - 1
  *    64  q24 x 11  sd of each mean; 0: this mean has not been learnt
- *   108  q14 x 55  correlations of the means: 01 02 .. 12 13 .., then 2 bytes of zeros
- *   220  q24 x 5   noise sd of accel_x, accel_y, yaw_rate and both wheel speeds over the
- *                  sd in the settings
+ *   108  q14 x 55  correlations of the means i and j > i, in the order 01 02 .. 12 13 ..;
+ *                  then 2 bytes of zeros
+ *   220  q24 x 5   noise sd of accel_x, accel_y, yaw_rate and both wheel speeds, each
+ *                  divided by the sd in the settings
  *   240  q24 x 3   process sd of each stiffness; particle filter only
  *   252  q24 x 3   correlations 01, 02, 12 of the process noise; particle filter only
  *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
@@ -62,8 +62,8 @@ extern "C" {
 #endif
 
 /* Save the learnt state. A stiffness counts as learnt if it was loaded, or has been valid
- * since the last restart. The variance of a stiffness that was loaded and not excited
- * since is at least the loaded variance.
+ * since the last restart. Paper's filter: the variance of a stiffness that was loaded and
+ * has not been valid since is at least the loaded variance.
  *   Returned:  out  unchanged if the result is negative
  *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has had no row
  *              yet, or holds a NaN. Keep the older bytes then */
@@ -81,16 +81,16 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
  *                                    learnt_walk_day^2 times the days, at most the
  *                                    variance in the settings
- *              spread                As saved, at most spread_max. Its weight is that of
- *                                    initial_spread. Paper's filter: widened by the
- *                                    uncertainty of the mean
- *              bias                  Its variance grows by *_bias_walk, up to
- *                                    *_bias_sd^2. The bias itself decays to zero
- *                                    in proportion, because it contains the slope
- *                                    of the road
+ *              process sd            As saved, at most spread_max. The variance of the
+ *                                    mean is added to its square. It has the weight of
+ *                                    initial_dof samples. Paper's filter only
+ *              bias                  Its variance grows by the random walk *_bias_walk,
+ *                                    up to *_bias_sd^2. Meanwhile the bias decays, and
+ *                                    is 0 at this limit, because a part of it is the
+ *                                    slope of the road on which it was learnt
  *              noise, correlations   As saved
- *              steering, radius      Their sd is at least a tenth of the sd
- *                                    in the settings
+ *              grip, steering,       Their sd is at least a tenth of the sd in the
+ *              wheel radius          settings, and at most this sd
  *   A stiffness that has never been learnt starts from the settings. If the filter
  *   restarts because its state is not finite, each stiffness starts from the settings. */
 tse_status tse_learnt_load(

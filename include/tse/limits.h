@@ -23,7 +23,7 @@
 #if (TSE_LATENCY_ROWS < 8 && TSE_LATENCY_ROWS != 0) || TSE_LATENCY_ROWS > 1024
 #error "TSE_LATENCY_ROWS must be 0, or lie in 8 .. 1024"
 #endif
-/* Size of these arrays: at least 1, because C has no arrays of size 0. */
+/* Size of the arrays of stored rows: at least 1, because C has no arrays of size 0. */
 #define TSE_LATENCY_KEPT (TSE_LATENCY_ROWS + (TSE_LATENCY_ROWS == 0))
 
 #endif

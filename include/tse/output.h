@@ -6,8 +6,8 @@
 
 #include "tse/real.h"
 
-/* Index of a stiffness in every array of three: longitudinal, cornering
- * front, cornering rear. */
+/* Index of a stiffness in every array of three: longitudinal stiffness of the front axle,
+ * cornering stiffness of the front axle, cornering stiffness of the rear axle. */
 enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
 
 /* Regimes: index of their probability in tse_output.regime. */
@@ -31,11 +31,11 @@ enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_
  * converts it to N and N/rad. */
 typedef struct tse_output {
   // clang-format off: table output_members
-  tse_real stiffness[3];         /* [1] mean stiffness of an axle over its nominal value in the settings,
-                                  * in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; force over slip,
-                                  * or over the kinematic slip angle, in steady driving at static load, in
-                                  * the limit of zero slip (src/EQUATIONS.md) */
-  tse_real stiffness_sd[3];      /* [1] sd of the mean stiffness */
+  tse_real stiffness[3];         /* [1] mean stiffness of an axle, relative to its nominal value in the
+                                  * settings, in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR.
+                                  * Stiffness is the limit of force / slip, or of force / kinematic slip
+                                  * angle, at zero slip in steady driving at static load (src/EQUATIONS.md) */
+  tse_real stiffness_sd[3];      /* [1] sd of the mean stiffness, relative to nominal */
   int32_t reason[3];             /* TSE_VALID: the stiffness is usable; otherwise the reason why it is not
                                   * (tse_reason) */
   int32_t status;                /* TSE_OK, or the code of a warning (tse_status); use a stiffness only if
@@ -43,9 +43,9 @@ typedef struct tse_output {
   tse_real sideslip;             /* [rad] sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at
                                   * standstill */
   tse_real sideslip_sd;          /* [rad] sd of sideslip */
-  tse_real grip;                 /* [1] friction coefficient of the tyres: max lateral force of an axle
-                                  * over its load; if tyre_saturation_balance is not 0, the inverse of the
-                                  * mean of 1/friction of both axles; default filter only */
+  tse_real grip;                 /* [1] friction coefficient of the tyres: max lateral force of an axle /
+                                  * its load; if tyre_saturation_balance is not 0, the inverse of the mean
+                                  * of 1/friction of both axles; default filter only */
   tse_real grip_sd;              /* [1] sd of grip */
   tse_real vel_x;                /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real vel_x_sd;             /* [m/s] sd of vel_x */
@@ -53,8 +53,8 @@ typedef struct tse_output {
   tse_real vel_y_sd;             /* [m/s] sd of vel_y */
   tse_real yaw_rate;             /* [rad/s] yaw rate */
   tse_real yaw_rate_sd;          /* [rad/s] sd of yaw_rate */
-  tse_real stiffness_secant[3];  /* [1] secant stiffness over the nominal stiffness: force over slip, or
-                                  * over slip angle, at the slip and load of this row; its relative sd is
+  tse_real stiffness_secant[3];  /* [1] secant stiffness, relative to nominal: force / slip, or force /
+                                  * slip angle, at the slip and load of this row. Its relative sd equals
                                   * that of stiffness */
   tse_real stiffness_spread[3];  /* [1] default filter: model discrepancy, model_sd times the stiffness;
                                   * paper's filter: process sd, sqrt(Sigma) */
@@ -62,31 +62,33 @@ typedef struct tse_output {
                                   * true value */
   tse_real bias_sd[3];           /* [m/s2 m/s2 rad/s] sd of bias */
   tse_real noise[5];             /* [1] estimated noise sd of accel_x, accel_y, yaw_rate, front and rear
-                                  * wheel speed, each over its setting; default filter only */
-  tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] innovation, which is the measured minus the
-                                  * predicted value, of accel_x, accel_y, yaw_rate, front and rear wheel
-                                  * speed times radius; 0 if the channel was not used; default filter only */
-  tse_real nis[5];               /* [1] normalised innovation squared of the channels of innovation,
-                                  * without its slowly varying part; 1 on average if model and settings
-                                  * fit; 0 if the channel was not used; default filter only */
+                                  * wheel speed, each divided by its setting; default filter only */
+  tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] innovation (measured minus predicted value)
+                                  * of accel_x, accel_y, yaw_rate, and of front and rear wheel speed times
+                                  * radius; 0 if the channel was not used; default filter only */
+  tse_real nis[5];               /* [1] normalised innovation squared of the same five channels; the slowly
+                                  * varying part of the innovation is subtracted first. The mean is 1 if
+                                  * model and settings fit; 0 if the channel was not used; default filter
+                                  * only */
   tse_real fault_factor;         /* [1] factor by which the implausible channel is too large, such as 57.3
                                   * for degrees in place of radians, or -1 for a wrong sign; 0: no such
                                   * factor, or the channel is exchanged, stuck or late; default filter only */
-  tse_real regime[TSE_REGIMES];  /* [1] probability of each regime; index TSE_REGIME_STEADY ... */
+  tse_real regime[TSE_REGIMES];  /* [1] probability of each regime; the index is TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change (change_kind); 0 before the first change */
   tse_real change_probability;   /* [1] probability that nothing has changed since the last change; 0
                                   * before the first change */
-  tse_real change_ratio[3];      /* [1] stiffness now over its value before the last change */
+  tse_real change_ratio[3];      /* [1] ratio of the stiffness now to its value before the last change */
   tse_real discrepancy[3];       /* [m/s2 m/s2 rad/s] sd of the part of accel_x, accel_y, yaw_rate that the
                                   * model does not explain */
-  tse_real lag_steer;            /* [s] estimated delay of the steering relative to the IMU; negative: the
-                                  * steering leads; default filter only */
+  tse_real lag_steer;            /* [s] estimated delay of the steering relative to the IMU, caused by bus,
+                                  * steering and tyres together; negative: the steering leads; default
+                                  * filter only */
   tse_real lag_steer_sd;         /* [s] sd of lag_steer */
   tse_real estimate_age;         /* [s] age of the estimates: time of this row minus the time to which they
                                   * refer */
   tse_real n_eff;                /* [1] effective number of particles; default filter: 1 */
-  tse_real log_evidence;         /* [nat] log likelihood of the measurements of this row, given all rows
-                                  * before; 0 if no measurement was used */
+  tse_real log_evidence;         /* [nat] log likelihood of the measurements of this row, given all earlier
+                                  * rows; 0 if no measurement was used */
   int32_t grip_reason;           /* TSE_VALID: the grip is usable; otherwise the reason why it is not
                                   * (tse_reason) */
   int32_t change_kind;           /* kind of the last change: TSE_CHANGE_NONE, _ROAD (all tyres), _FRONT or

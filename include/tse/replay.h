@@ -30,11 +30,11 @@ typedef struct tse_replay_log {
                                        * higher, added to the setting bank_angle */
   const tse_real *slip_front;         /* [rad] or NULL; disturbance that is added to the front slip angle */
   const tse_real *slip_rear;          /* [rad] or NULL; disturbance that is added to the rear slip angle */
-  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force over mass, positive forward; the
+  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force / mass, positive forward; the
                                        * accelerometer measures it */
-  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, positive left; the
+  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force / mass, positive left; the
                                        * accelerometer measures it */
-  const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment over yaw inertia, positive
+  const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment / yaw inertia, positive
                                        * left */
   // clang-format on: end of table
 } tse_replay_log;
@@ -42,10 +42,10 @@ typedef struct tse_replay_log {
 /* Constants and initial state of a replay. */
 typedef struct tse_replay_start {
   // clang-format off: table replay_start_members
-  tse_real cx_front;             /* [1] 1; front longitudinal stiffness over nominal; the rear one follows
-                                  * by rear_longitudinal_follows_front */
-  tse_real cy_front;             /* [1] 1; front cornering stiffness over nominal */
-  tse_real cy_rear;              /* [1] 1; rear cornering stiffness over nominal */
+  tse_real cx_front;             /* [1] 1; front longitudinal stiffness, relative to nominal; the rear one
+                                  * follows by rear_longitudinal_follows_front */
+  tse_real cy_front;             /* [1] 1; front cornering stiffness, relative to nominal */
+  tse_real cy_rear;              /* [1] 1; rear cornering stiffness, relative to nominal */
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */
   tse_real bias_accel_y;         /* [m/s2] 0; bias of accel_y */
   tse_real bias_yaw_rate;        /* [rad/s] 0; bias of yaw_rate */
@@ -53,17 +53,17 @@ typedef struct tse_replay_start {
   tse_real vel_x;                /* [m/s] 0; initial vel_x if vel_x_from_wheels is 0 */
   tse_real vel_y;                /* [m/s] 0; initial vel_y */
   tse_real yaw_rate;             /* [rad/s] 0; initial yaw rate */
-  tse_real time;                 /* [s] 0; time at the first row, for the effect stiffness_drift */
-  tse_real heading;              /* [rad] 0; heading at the first row, for the effect crosswind */
-  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels, for
+  tse_real time;                 /* [s] 0; time at the first row; used by the effect stiffness_drift */
+  tse_real heading;              /* [rad] 0; heading at the first row; used by the effect crosswind */
+  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels; used for output
                                   * wheel_torque_front */
-  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for
+  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels; used for output
                                   * wheel_torque_rear */
   // clang-format on: end of table
 } tse_replay_start;
 
-/* Results of a replay: arrays of `rows` values each, which are filled;
- * NULL: not needed. */
+/* Results of a replay: arrays of `rows` values each, or NULL for results that are not
+ * needed. */
 typedef struct tse_replay_out {
   // clang-format off: table replay_out_members
   tse_real *accel_x;             /* [m/s2] reading of accel_x, with bias and without noise */
@@ -72,10 +72,10 @@ typedef struct tse_replay_out {
   tse_real *vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real *vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real *true_yaw_rate;       /* [rad/s] true yaw rate of the car */
-  tse_real *wheel_torque_front;  /* [Nm] drive torque minus brake torque of the front wheels, from the
-                                  * longitudinal force and the inertia of the wheels */
-  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of the rear wheels, from the
-                                  * longitudinal force and the inertia of the wheels */
+  tse_real *wheel_torque_front;  /* [Nm] drive torque minus brake torque of the front wheels, computed from
+                                  * the longitudinal force and the inertia of the wheels */
+  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of the rear wheels, computed from
+                                  * the longitudinal force and the inertia of the wheels */
   // clang-format on: end of table
 } tse_replay_out;
 
@@ -88,11 +88,11 @@ void tse_replay_start_default(tse_replay_start *s);
  *              log  arrays of `rows` finite values
  *              s    constants and initial state
  *   Updated:   out  motion and sensors at each row. Unchanged if a row is refused. If the
- *                   motion is no longer finite, filled up to the row before
+ *                   motion overflows, the rows before the overflow are filled
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()), TSE_E_TIME,
  *              or TSE_E_INPUT: a value of the log or of s is out of range or not finite,
- *              or the motion is no longer finite. With the last two, *wrong (if wrong is
- *              not NULL) is the index of the row; it is 0 for a wrong value of s
+ *              or the motion overflows. With TSE_E_TIME and TSE_E_INPUT, *wrong (if wrong
+ *              is not NULL) is the index of the row; it is 0 for a wrong value of s
  *   Cost:      two evaluations of the model for each substep; 0.1 us a row without
  *              effects
  *   Source:    equations (1) to (4) and (7), src/EQUATIONS.md */

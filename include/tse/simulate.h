@@ -29,35 +29,35 @@ typedef struct tse_sim_config {
                                                  * front wheels */
   tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * rear wheels */
-  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean front longitudinal stiffness
-                                                 * over nominal; the rear one follows by
+  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean front longitudinal stiffness,
+                                                 * relative to nominal; the rear one follows by
                                                  * rear_longitudinal_follows_front */
-  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness over
-                                                 * nominal */
-  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness over
-                                                 * nominal */
-  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness
-                                                 * over its mean */
-  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness
-                                                 * over its mean */
-  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness
-                                                 * over its mean */
-  tse_setting noise;                            /* [1] 1, 0 .. 100; true noise sd of the IMU channels over
-                                                 * the sd in the settings */
+  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness,
+                                                 * relative to nominal */
+  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness,
+                                                 * relative to nominal */
+  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
+                                                 * longitudinal stiffness, relative to its mean */
+  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
+                                                 * cornering stiffness, relative to its mean */
+  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the rear
+                                                 * cornering stiffness, relative to its mean */
+  tse_setting noise;                            /* [1] 1, 0 .. 100; ratio of the true noise sd of the IMU
+                                                 * channels to the sd in the settings */
   tse_setting steer_angle_sd;                   /* [rad] 0, 0 .. 0.1; noise sd of the logged steering angle */
   tse_setting wheel_speed_sd;                   /* [rad/s] 0, 0 .. 10; noise sd of the logged wheel speeds */
   tse_setting true_bias_accel_x;                /* [m/s2] 0, -5 .. 5; accel_x bias at the start */
   tse_setting true_bias_accel_y;                /* [m/s2] 0, -5 .. 5; accel_y bias at the start */
   tse_setting true_bias_yaw_rate;               /* [rad/s] 0, -0.5 .. 0.5; yaw_rate bias at the start */
-  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; sd of the random walk of the true
-                                                 * biases over that in the settings */
+  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; ratio of the sd of the random walk of
+                                                 * the true biases to the sd in the settings */
   tse_setting speed;                            /* [m/s] 20, 0 .. 70; vel_x at the start; the wheels then
                                                  * roll freely */
   tse_setting vel_y;                            /* [m/s] 0, -20 .. 20; vel_y at the start; positive: the
                                                  * car slides to the left */
   tse_setting friction;                         /* [1] 0, 0 .. 2; friction coefficient at which the tyre
                                                  * forces of an axle saturate; 0: linear tyres */
-  tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; max integration step */
+  tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; max step of the integration */
   int32_t hold_inputs;                          /* 0, 0 .. 1; 1: the inputs of the driver are held from row
                                                  * to row; 0: they change linearly between rows */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
@@ -108,7 +108,7 @@ typedef struct tse_sim_output {
   // clang-format on: end of table
 } tse_sim_output;
 
-/* Memory of the state of a simulation, apart from its first members. */
+/* Memory of the internal members of a simulation. */
 typedef struct tse_sim_bytes {
   tse_real first;
   unsigned char rest[sizeof(tse_sim_config) + 134 * sizeof(tse_real) + 24 + 6 * TSE_PADDING];

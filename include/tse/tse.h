@@ -70,11 +70,11 @@ extern "C" {
 /* Fill c with the defaults of tse/config.h: an ordinary car that is not calibrated, with
  * the mean and the uncertainty of its class (src/tables/uncalibrated.toml). Then set the
  * known values of your car in any order: mass, lf, lr, driven_axle, wheel radii.
- *   stiffness 0,      tse_prepare() uses the value of the class for this mass and these
- *   yaw inertia 0     axles
- *   mass 0            The mass is unknown: tse_prepare() uses the mass of the
- *                     class with an sd of 30 %. No stiffness becomes valid; its
- *                     reason is TSE_PARAMETERS_UNCERTAIN
+ *   stiffness or      tse_prepare() uses the value that cars of the class with this mass
+ *   yaw inertia 0     and these axles have
+ *   mass 0            The mass is unknown: tse_prepare() uses the mass of the class, with
+ *                     an sd of 30 %. No stiffness becomes valid. Its reason is
+ *                     TSE_PARAMETERS_UNCERTAIN
  *   c NULL            no effect
  * The C library, the FMU, Python, the page and the command line have the same defaults.
  * The command `tselab calibrate` finds smaller uncertainties from logs of the car. */
@@ -86,9 +86,9 @@ void tse_config_default(tse_config *c);
  *   c NULL            no effect */
 void tse_config_exact(tse_config *c);
 
-/* Replace mass, yaw inertia and stiffness of 0 by the values that tse_prepare() would
- * use, for example to display them. The filter does not need this call. The values
- * written here stay as they are if the mass is changed later.
+/* Replace mass, yaw inertia and stiffness by the values that tse_prepare() would use if
+ * they are 0, for example to display them. The filter does not need this call. If the
+ * mass is changed later, these values do not follow.
  *   c NULL            no effect */
 void tse_config_complete(tse_config *c);
 
@@ -163,10 +163,10 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         Rows wait until the values of all channels are known. Meanwhile the status is
  *         TSE_W_WAITING, and the reasons are those of the last step. The step that
  *         follows goes to the time that is estimate_age before the row.
- *     ... and dt above max_gap
+ *     a channel with a latency, and dt above max_gap
  *         The waiting rows are discarded. The next step covers all the time since the
  *         last step.
- *     ... and more rows than TSE_LATENCY_ROWS can hold
+ *     a channel with a latency, and more rows than TSE_LATENCY_ROWS can hold
  *         Rows that are too close to the row before are skipped. The next step covers
  *         their time, too.
  *     speed below hold_speed, reverse, or steering angle beyond max_steer
@@ -176,7 +176,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         The motion is set from wheel speeds and gyro. All other estimates are kept.
  *   Unusual rows, default filter
  *     any other dt
- *         The row is integrated in up to TSE_SUBSTEPS substeps.
+ *         The motion is integrated in up to TSE_SUBSTEPS substeps.
  *     a measurement missing or out of range
  *         The other measurements are used. If there is none, the filter only predicts.
  *     steering angle missing
@@ -190,7 +190,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         its offset is estimated again. A frozen steering angle counts as missing.
  *     slip of an axle beyond max_slip
  *         regime[TSE_REGIME_SLIDING] reports it. No stiffness is valid.
- *     another road, or other tyres of one axle
+ *     a change of road, or of the tyres of one axle
  *         regime[TSE_REGIME_CHANGED] or regime[TSE_REGIME_AXLE] reports it. Stiffness and
  *         grip step to new values, and their sd increases.
  *     sensor noise that differs from the setting

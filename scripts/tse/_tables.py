@@ -41,15 +41,15 @@ class Status(IntEnum):
     E_VERSION = -8
     """The learnt state was written by a newer version of this library."""
     E_LEARNT = -7
-    """Not a learnt state of this library, or damaged."""
+    """This is not a learnt state of this library, or it is damaged."""
     E_SIZE = -6
-    """The filter's memory has another size than the library expects (other capacity or
-    format)."""
+    """The memory of the filter has a different size than the library expects (other
+    number of particles or number format)."""
     E_STATE = -5
     """The filter was not reset with these parameters, or is not a filter of this
     library."""
     E_TIME = -4
-    """Time step not finite, not positive, or too long."""
+    """The time step is not finite, not positive, or too long."""
     E_INPUT = -3
     """An input that drives the model is outside its range."""
     E_CONFIG = -2
@@ -59,31 +59,32 @@ class Status(IntEnum):
     OK = 0
     """Ok."""
     NOT_VALID = 1
-    """At least one stiffness is not valid; its reason says why."""
+    """At least one stiffness is not valid; see its reason."""
     STARTING = 2
-    """Too few informative rows since the start; spread and validity are not settled."""
+    """Too few informative rows since the start; spread and validity have not settled."""
     MISSING_CHANNEL = 3
-    """A measurement was missing; the others were used."""
+    """A measurement is missing; the others are used."""
     HELD = 4
-    """Standstill, low speed, reverse or large steering angle: nothing is learnt of the
-    stiffness."""
+    """Standstill, low speed, reverse or large steering angle: stiffness is not
+    updated."""
     PREDICTED = 5
-    """No measurement, or inputs missing: predicted only."""
+    """All measurements or an input are missing: the filter only predicts."""
     GAP = 6
-    """A step too long to bridge, or sensors that jump: states restarted from the
-    sensors, what was learnt is kept."""
+    """Long gap between rows, or jump of the sensors: the motion is set from the
+    sensors, all other estimates are kept."""
     RECOVERED = 7
-    """The state was not finite, by a fault of the memory or an overflow: the filter
-    started over."""
+    """The filter started over, because its state was not finite (memory fault or
+    overflow)."""
     WAITING = 8
-    """No step yet: the filter waits for channels that are logged later; estimates are
-    those of the last step, or of the start."""
+    """No step in this row: the filter waits for channels with a latency; the estimates
+    are those of the last step, or of the start."""
     RANGE = 9
-    """A number reached the end of the range of the number format: it stops there, or
+    """A number reached the end of the range of the number format: it is limited, or
     the sample was dropped."""
     IMPLAUSIBLE = 10
-    """The channels contradict each other: a wrong unit, sign or axle, or one comes
-    late; fault_channel says which, fault_factor how many times too large it is."""
+    """The channels contradict each other: one has a wrong unit or sign, belongs to a
+    different axle, or is late; fault_channel names it, fault_factor is the factor
+    by which it is too large."""
 
 
 class Row(TypedDict, total=False):
@@ -109,26 +110,27 @@ class Row(TypedDict, total=False):
     yaw_rate: float
     """Yaw rate, positive left (counter-clockwise from above) [-6 .. 6 rad/s]."""
     ins_vel_x: float
-    """Velocity along the car, of an INS or an optical sensor [-120 .. 120 m/s]."""
+    """Longitudinal velocity, from an INS or an optical sensor [-120 .. 120 m/s]."""
     ins_vel_y: float
-    """Velocity across the car, positive left [-60 .. 60 m/s]."""
+    """Lateral velocity, positive left, from an INS or an optical sensor [-60 .. 60
+    m/s]."""
     gnss_speed: float
     """Speed over ground [0 .. 120 m/s]."""
     gnss_course: float
-    """Direction over ground, positive left (counter-clockwise from above), from any
-    zero [-7 .. 7 rad]."""
+    """Direction of the motion over ground, positive left (counter-clockwise from
+    above), relative to any fixed direction [-7 .. 7 rad]."""
     brake: float
-    """1: the car brakes, 0: it does not (from 0.5 on it does); if missing, accel_x
-    decides [0 .. 1]."""
+    """1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing,
+    accel_x decides [0 .. 1]."""
     wheel_torque_front: float
-    """Drive minus brake torque of both front wheels [-20000 .. 20000 Nm]."""
+    """Drive torque minus brake torque of both front wheels [-20000 .. 20000 Nm]."""
     wheel_torque_rear: float
-    """Drive minus brake torque of both rear wheels [-20000 .. 20000 Nm]."""
+    """Drive torque minus brake torque of both rear wheels [-20000 .. 20000 Nm]."""
     bank: float
-    """Whole bank of the road, left side high > 0, in place of the bank in the settings
-    [-0.35 .. 0.35 rad]."""
+    """Total bank of the road, positive if the left side is higher; it replaces the
+    bank in the settings [-0.35 .. 0.35 rad]."""
     grade: float
-    """Whole slope of the road, uphill > 0, in place of grade_angle [-0.35 .. 0.35
+    """Total grade of the road, positive uphill; it replaces grade_angle [-0.35 .. 0.35
     rad]."""
 
 
@@ -142,34 +144,34 @@ class Estimate(EstimateBase):
     vel_x: float
     """Longitudinal velocity of the centre of gravity [m/s]."""
     vel_x_sd: float
-    """Its standard deviation [m/s]."""
+    """Standard deviation of vel_x [m/s]."""
     vel_y: float
     """Lateral velocity of the centre of gravity [m/s]."""
     vel_y_sd: float
-    """Its standard deviation [m/s]."""
+    """Standard deviation of vel_y [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]."""
     yaw_rate_sd: float
-    """Its standard deviation [rad/s]."""
+    """Standard deviation of yaw_rate [rad/s]."""
     sideslip: float
     """Sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill
     [rad]."""
     sideslip_sd: float
-    """Its standard deviation [rad]."""
+    """Standard deviation of sideslip [rad]."""
     grip: float
-    """Friction of the tyres: largest lateral force of an axle over its load; with a
-    tyre_saturation_balance, 1 over the mean of 1/friction of both axles; default
-    filter only."""
+    """Friction coefficient of the tyres: max lateral force of an axle / its load; if
+    tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both
+    axles; default filter only."""
     grip_sd: float
-    """Its standard deviation."""
+    """Standard deviation of grip."""
     grip_valid: bool
     """Whether grip may be used; if not, grip_reason is the reason."""
     grip_reason: Reason
     """'valid', or the reason why grip may not be used."""
     cx_front: float
-    """Longitudinal stiffness, front axle, mean [N]."""
+    """Mean longitudinal stiffness of the front axle [N]."""
     cx_front_sd: float
-    """Sd of that mean [N]."""
+    """Standard deviation of cx_front [N]."""
     cx_front_spread: float
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N]."""
@@ -181,9 +183,9 @@ class Estimate(EstimateBase):
     cx_front_reason: Reason
     """'valid', or the reason why cx_front may not be used."""
     cy_front: float
-    """Cornering stiffness, front axle, mean [N/rad]."""
+    """Mean cornering stiffness of the front axle [N/rad]."""
     cy_front_sd: float
-    """Sd of that mean [N/rad]."""
+    """Standard deviation of cy_front [N/rad]."""
     cy_front_spread: float
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N/rad]."""
@@ -195,9 +197,9 @@ class Estimate(EstimateBase):
     cy_front_reason: Reason
     """'valid', or the reason why cy_front may not be used."""
     cy_rear: float
-    """Cornering stiffness, rear axle, mean [N/rad]."""
+    """Mean cornering stiffness of the rear axle [N/rad]."""
     cy_rear_sd: float
-    """Sd of that mean [N/rad]."""
+    """Standard deviation of cy_rear [N/rad]."""
     cy_rear_spread: float
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N/rad]."""
@@ -211,49 +213,52 @@ class Estimate(EstimateBase):
     bias_accel_x: float
     """Bias of accel_x: measured minus true value [m/s2]."""
     bias_accel_x_sd: float
-    """Its standard deviation [m/s2]."""
+    """Standard deviation of bias_accel_x [m/s2]."""
     bias_accel_y: float
     """Bias of accel_y: measured minus true value [m/s2]."""
     bias_accel_y_sd: float
-    """Its standard deviation [m/s2]."""
+    """Standard deviation of bias_accel_y [m/s2]."""
     bias_yaw_rate: float
     """Bias of yaw_rate: measured minus true value [rad/s]."""
     bias_yaw_rate_sd: float
-    """Its standard deviation [rad/s]."""
+    """Standard deviation of bias_yaw_rate [rad/s]."""
     noise_accel_x: float
-    """Estimated noise sd of accel_x over the setting, default filter only."""
+    """Estimated noise sd of accel_x / its setting; default filter only."""
     noise_accel_y: float
-    """Estimated noise sd of accel_y over the setting."""
+    """Estimated noise sd of accel_y / its setting."""
     noise_yaw_rate: float
-    """Estimated noise sd of yaw_rate over the setting."""
+    """Estimated noise sd of yaw_rate / its setting."""
     noise_wheel_front: float
-    """Estimated noise sd of wheel_speed_front over the setting."""
+    """Estimated noise sd of wheel_speed_front / its setting."""
     noise_wheel_rear: float
-    """Estimated noise sd of wheel_speed_rear over the setting."""
+    """Estimated noise sd of wheel_speed_rear / its setting."""
     p_steady: float
-    """Probability: tyres as before."""
+    """Probability that the tyres are as before."""
     p_changed: float
-    """Probability: all tyres changed within the last 2 s, another road."""
+    """Probability that the stiffness of all tyres has changed within the last 2 s: a
+    different road."""
     p_axle: float
-    """Probability: the tyres of one axle changed within the last 2 s."""
+    """Probability that the stiffness of one axle has changed within the last 2 s."""
     p_fault: float
-    """Probability: a channel has an offset, is frozen or noisy."""
+    """Probability that a channel has an offset, is frozen or noisy."""
     p_sliding: float
-    """Probability: wheels lock or spin."""
+    """Probability that wheels lock or spin."""
     p_restarted: float
-    """Probability: the filter started over within the last 2 s."""
+    """Probability that the filter started over within the last 2 s."""
     change_age: float
-    """Time since the last change; 0 before the first one [s]."""
+    """Time since the last change (change_kind); 0 before the first change [s]."""
     change_probability: float
-    """Probability that nothing has changed since then."""
+    """Probability that nothing has changed since the last change; 0 before the first
+    change."""
     change_kind: int
-    """0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over."""
+    """Kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear
+    axle, 4 the filter started over."""
     change_cx_front: float
-    """Longitudinal stiffness now over that before the change."""
+    """Ratio of the longitudinal stiffness now to its value before the last change."""
     change_cy_front: float
-    """Front cornering stiffness now over that before the change."""
+    """Ratio of the front cornering stiffness now to its value before the last change."""
     change_cy_rear: float
-    """Rear cornering stiffness now over that before the change."""
+    """Ratio of the rear cornering stiffness now to its value before the last change."""
     fault_channel: str | None
     """The channel that is most probably faulty; None: there is none."""
     discrepancy_accel_x: float
@@ -264,7 +269,7 @@ class Estimate(EstimateBase):
     discrepancy_yaw_rate: float
     """Model discrepancy of yaw_rate [rad/s]."""
     innovation_accel_x: float
-    """Innovation of accel_x: measured minus predicted value; 0 where it was not used;
+    """Innovation of accel_x: measured minus predicted value; 0 if it was not used;
     default filter only [m/s2]."""
     innovation_accel_y: float
     """Innovation of accel_y [m/s2]."""
@@ -275,8 +280,9 @@ class Estimate(EstimateBase):
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
     nis_accel_x: float
-    """Normalised innovation squared of accel_x, without lasting errors: 1 on average
-    where model and settings fit; 0 where it was not used; default filter only."""
+    """Normalised innovation squared of accel_x; the slowly varying part of the
+    innovation is subtracted first. The mean is 1 if model and settings fit; 0 if it
+    was not used; default filter only."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
@@ -286,29 +292,30 @@ class Estimate(EstimateBase):
     nis_wheel_rear: float
     """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
-    """Estimated lag of the steering behind the IMU, of bus, steering and tyres
-    together; below 0: it leads; default filter only [s]."""
+    """Estimated delay of the steering relative to the IMU, caused by bus, steering and
+    tyres together; negative: the steering leads; default filter only [s]."""
     lag_steer_sd: float
-    """Its standard deviation [s]."""
+    """Standard deviation of lag_steer [s]."""
     estimate_age: float
-    """Age of the estimates: time of this row minus the time they refer to (settings
-    ..._latency) [s]."""
+    """Age of the estimates: time of this row minus the time to which they refer
+    (settings ..._latency) [s]."""
     n_eff: float
-    """Effective number of particles, 1/sum q^2 of their weights; default filter: 1."""
+    """Effective number of particles, 1/sum q^2 of their weights q; default filter: 1."""
     log_evidence: float
-    """Log density of this row's measurements given the rows before; 0 where none was
-    used [nat]."""
+    """Log likelihood of the measurements of this row, given all earlier rows; 0 if no
+    measurement was used [nat]."""
     status: Status
     """Use of the row; `status_text` describes it in words."""
     cx_front_secant: float
-    """Longitudinal stiffness in effect, front axle: force over slip at this row's slip
-    and load [N]."""
+    """Secant longitudinal stiffness of the front axle: force / slip at the slip and
+    load of this row [N]."""
     cy_front_secant: float
-    """Cornering stiffness in effect, front axle: force over slip at this row's slip
-    and load [N/rad]."""
+    """Secant cornering stiffness of the front axle: force / slip angle at the slip and
+    load of this row [N/rad]."""
     cy_rear_secant: float
-    """Cornering stiffness in effect, rear axle: force over slip at this row's slip and
-    load [N/rad]."""
+    """Secant cornering stiffness of the rear axle: force / slip angle at the slip and
+    load of this row [N/rad]."""
     fault_factor: float
-    """Factor by which the implausible channel is too large: 57.3 degrees for radians,
-    -1 a sign; 0: none, or it is exchanged, stuck or late."""
+    """Factor by which the implausible channel is too large, such as 57.3 for degrees
+    in place of radians, or -1 for a wrong sign; 0: no such factor, or the channel
+    is exchanged, stuck or late."""

@@ -72,8 +72,7 @@
   NUMBER(sideslip, sideslip, "rad", \
       "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill") \
   NUMBER(sideslip_sd, sideslip_sd, "rad", "standard deviation of sideslip") \
-  NUMBER(grip, grip, "1", \
-      "friction coefficient of the tyres: max lateral force of an axle over its load; if " \
+  NUMBER(grip, grip, "1", "friction coefficient of the tyres: max lateral force of an axle / its load; if " \
       "tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both axles; default " \
       "filter only") \
   NUMBER(grip_sd, grip_sd, "1", "standard deviation of grip") \
@@ -111,21 +110,21 @@
   NUMBER(bias_accel_y_sd, bias_sd[1], "m/s2", "standard deviation of bias_accel_y") \
   NUMBER(bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate: measured minus true value") \
   NUMBER(bias_yaw_rate_sd, bias_sd[2], "rad/s", "standard deviation of bias_yaw_rate") \
-  NUMBER(noise_accel_x, noise[0], "1", \
-      "estimated noise sd of accel_x over its setting; default filter only") \
-  NUMBER(noise_accel_y, noise[1], "1", "estimated noise sd of accel_y over its setting") \
-  NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate over its setting") \
-  NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front over its setting") \
-  NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear over its setting") \
-  NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", "probability: tyres as before") \
+  NUMBER(noise_accel_x, noise[0], "1", "estimated noise sd of accel_x / its setting; default filter only") \
+  NUMBER(noise_accel_y, noise[1], "1", "estimated noise sd of accel_y / its setting") \
+  NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate / its setting") \
+  NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front / its setting") \
+  NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear / its setting") \
+  NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", "probability that the tyres are as before") \
   NUMBER(p_changed, regime[TSE_REGIME_CHANGED], "1", \
-      "probability: the stiffness of all tyres has changed within the last 2 s, a different road") \
+      "probability that the stiffness of all tyres has changed within the last 2 s: a different road") \
   NUMBER(p_axle, regime[TSE_REGIME_AXLE], "1", \
-      "probability: the stiffness of one axle has changed within the last 2 s") \
-  NUMBER(p_fault, regime[TSE_REGIME_FAULT], "1", "probability: a channel has an offset, is frozen or noisy") \
-  NUMBER(p_sliding, regime[TSE_REGIME_SLIDING], "1", "probability: wheels lock or spin") \
+      "probability that the stiffness of one axle has changed within the last 2 s") \
+  NUMBER(p_fault, regime[TSE_REGIME_FAULT], "1", \
+      "probability that a channel has an offset, is frozen or noisy") \
+  NUMBER(p_sliding, regime[TSE_REGIME_SLIDING], "1", "probability that wheels lock or spin") \
   NUMBER(p_restarted, regime[TSE_REGIME_RESTARTED], "1", \
-      "probability: the filter started over within the last 2 s") \
+      "probability that the filter started over within the last 2 s") \
   NUMBER(change_age, change_age, "s", "time since the last change (change_kind); 0 before the first change") \
   NUMBER(change_probability, change_probability, "1", \
       "probability that nothing has changed since the last change; 0 before the first change") \
@@ -133,11 +132,11 @@
       "kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 the filter " \
       "started over") \
   NUMBER(change_cx_front, change_ratio[0], "1", \
-      "longitudinal stiffness now over its value before the last change") \
+      "ratio of the longitudinal stiffness now to its value before the last change") \
   NUMBER(change_cy_front, change_ratio[1], "1", \
-      "front cornering stiffness now over its value before the last change") \
+      "ratio of the front cornering stiffness now to its value before the last change") \
   NUMBER(change_cy_rear, change_ratio[2], "1", \
-      "rear cornering stiffness now over its value before the last change") \
+      "ratio of the rear cornering stiffness now to its value before the last change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
       "0: no fault; otherwise 1 + index of the channel that is most probably at fault") \
   NUMBER(discrepancy_accel_x, discrepancy[0], "m/s2", \
@@ -151,14 +150,14 @@
   NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
   NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
   NUMBER(nis_accel_x, nis[0], "1", \
-      "normalised innovation squared of accel_x, without its slowly varying part; 1 on average if model " \
-      "and settings fit; 0 if it was not used; default filter only") \
+      "normalised innovation squared of accel_x; the slowly varying part of the innovation is subtracted " \
+      "first. The mean is 1 if model and settings fit; 0 if it was not used; default filter only") \
   NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
   NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
   NUMBER(nis_wheel_rear, nis[4], "1", "normalised innovation squared of the rear wheel speed") \
   NUMBER(lag_steer, lag_steer, "s", \
-      "estimated delay of the steering relative to the IMU, by bus, steering and tyres together; " \
+      "estimated delay of the steering relative to the IMU, caused by bus, steering and tyres together; " \
       "negative: the steering leads; default filter only") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "standard deviation of lag_steer") \
   NUMBER(estimate_age, estimate_age, "s", \
@@ -166,16 +165,16 @@
   NUMBER(n_eff, n_eff, "1", \
       "effective number of particles, 1/sum q^2 of their weights q; default filter: 1") \
   NUMBER(log_evidence, log_evidence, "nat", \
-      "log likelihood of the measurements of this row, given all rows before; 0 if no measurement was used") \
+      "log likelihood of the measurements of this row, given all earlier rows; 0 if no measurement was " \
+      "used") \
   CODE(status, status, "Status", \
       "0: ok; positive: the code of a warning (tse_status); use a stiffness only if it is valid") \
   STIFFNESS(cx_front_secant, stiffness_secant[0], secant[0], "N", \
-      "secant longitudinal stiffness of the front axle: force over slip at the slip and load of this row") \
+      "secant longitudinal stiffness of the front axle: force / slip at the slip and load of this row") \
   STIFFNESS(cy_front_secant, stiffness_secant[1], secant[1], "N/rad", \
-      "secant cornering stiffness of the front axle: force over slip angle at the slip and load of this " \
-      "row") \
+      "secant cornering stiffness of the front axle: force / slip angle at the slip and load of this row") \
   STIFFNESS(cy_rear_secant, stiffness_secant[2], secant[2], "N/rad", \
-      "secant cornering stiffness of the rear axle: force over slip angle at the slip and load of this row") \
+      "secant cornering stiffness of the rear axle: force / slip angle at the slip and load of this row") \
   NUMBER(fault_factor, fault_factor, "1", \
       "factor by which the implausible channel is too large, such as 57.3 for degrees in place of " \
       "radians, or -1 for a wrong sign; 0: no such factor, or the channel is exchanged, stuck or late")
@@ -260,10 +259,10 @@
       "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
       "is late (fault_channel, fault_factor)")
 #define REPLAY_START(ROW) \
-  ROW(cx_front, 1.0, "1", \
-      "front longitudinal stiffness over nominal; the rear one follows by rear_longitudinal_follows_front") \
-  ROW(cy_front, 1.0, "1", "front cornering stiffness over nominal") \
-  ROW(cy_rear, 1.0, "1", "rear cornering stiffness over nominal") \
+  ROW(cx_front, 1.0, "1", "front longitudinal stiffness, relative to nominal; the rear one follows by " \
+      "rear_longitudinal_follows_front") \
+  ROW(cy_front, 1.0, "1", "front cornering stiffness, relative to nominal") \
+  ROW(cy_rear, 1.0, "1", "rear cornering stiffness, relative to nominal") \
   ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \
   ROW(bias_accel_y, 0.0, "m/s2", "bias of accel_y") \
   ROW(bias_yaw_rate, 0.0, "rad/s", "bias of yaw_rate") \
@@ -271,10 +270,12 @@
   ROW(vel_x, 0.0, "m/s", "initial vel_x if vel_x_from_wheels is 0") \
   ROW(vel_y, 0.0, "m/s", "initial vel_y") \
   ROW(yaw_rate, 0.0, "rad/s", "initial yaw rate") \
-  ROW(time, 0.0, "s", "time at the first row, for the effect stiffness_drift") \
-  ROW(heading, 0.0, "rad", "heading at the first row, for the effect crosswind") \
-  ROW(wheel_inertia_front, 2.4, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front") \
-  ROW(wheel_inertia_rear, 2.4, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear")
+  ROW(time, 0.0, "s", "time at the first row; used by the effect stiffness_drift") \
+  ROW(heading, 0.0, "rad", "heading at the first row; used by the effect crosswind") \
+  ROW(wheel_inertia_front, 2.4, "kg m2", \
+      "rotational inertia of both front wheels; used for output wheel_torque_front") \
+  ROW(wheel_inertia_rear, 2.4, "kg m2", \
+      "rotational inertia of both rear wheels; used for output wheel_torque_rear")
 #define REASONS \
     "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 sensor fault, 5 held, 6 input invalid, 7 " \
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"

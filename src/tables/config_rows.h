@@ -12,13 +12,14 @@
 
 /* Values of the vehicle class, from uncalibrated.toml. */
 // clang-format off: table car_class
-#define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness over the load of the axle, with the
-                                    * compliance of the steering */
-#define CLASS_CORNERING_REAR 16.0 /* [1/rad] rear cornering stiffness over the load of the axle */
-#define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness over the load of the axle, the same for both axles
-                                 * because their tyres are the same */
+#define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness / load of the axle; the compliance
+                                    * of the steering is included */
+#define CLASS_CORNERING_REAR 16.0 /* [1/rad] rear cornering stiffness / load of the axle */
+#define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness / load of the axle; both axles have the same value
+                                 * because they have the same tyres */
 #define CLASS_MASS 1500.0 /* [kg] mass if it is not set */
-#define CLASS_MASS_SD 0.3 /* [1] relative sd of this mass among cars; with it no stiffness becomes valid */
+#define CLASS_MASS_SD 0.3 /* [1] relative sd of mass if mass is not set; it is so large that no stiffness
+                           * becomes valid */
 // clang-format on: end of table
 
 /* Settings whose values in tse_config_exact() differ from those in

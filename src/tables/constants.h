@@ -7,13 +7,14 @@
 
 // clang-format off: table constants
 #define TAIL TSE_R(9.0)                  /* [1] square of 3 sd: the gain of a measurement is reduced if its
-                                          * innovation exceeds 3 sd. Also the variance of road unevenness
-                                          * in accel_y over the noise variance of accel_y. The offset of a
-                                          * faulty channel has an sd of TAIL squared, in sds of the sensor */
+                                          * innovation exceeds 3 sd. Also the ratio of the variance that
+                                          * road unevenness adds to accel_y to the noise variance of
+                                          * accel_y. Also, squared, the ratio of the sd of the offset of a
+                                          * faulty channel to the sd of the sensor */
 #define MODEL_TIME TSE_R(1.0)            /* [s] correlation time of the model discrepancy. Also the
                                           * averaging time of the excitation level and of slow innovations */
-#define MIN_ACTIVITY TSE_R(0.5)          /* [m/s2] min excitation level: accelerations by road unevenness,
-                                          * wind and play */
+#define MIN_ACTIVITY TSE_R(0.5)          /* [m/s2] min excitation level: accelerations caused by road
+                                          * unevenness, wind and play */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] min relative sd of a stiffness, because of model errors */
 #define USUAL_MODEL_SD TSE_R(0.08)       /* [1] relative sd of the model error of an ordinary car. It adds
                                           * to the prior sd of a stiffness in the test for a change of road
@@ -22,35 +23,40 @@
                                           * curve: 10 % rms on four cars), and model_sd is used if it is
                                           * larger. If model_sd equals this value, the initial variance of
                                           * slow innovations is doubled */
-#define SLIP_SD TSE_R(0.02)              /* [1] sd of the slip of an axle by throttle and brake */
-#define SLIP_TIME TSE_R(2.0)             /* [s] correlation time of the slip by throttle and brake */
-#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd of random walks in 1 s: of the motion, in units
-                                          * of the state, and of slow states, in sds of their prior */
+#define SLIP_SD TSE_R(0.02)              /* [1] sd of the slip of an axle that throttle and brake cause */
+#define SLIP_TIME TSE_R(2.0)             /* [s] correlation time of the slip that throttle and brake cause */
+#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd in 1 s of the random walks of states. For the
+                                          * motion it is in units of the state (car.h), for slow states in
+                                          * sds of their prior */
 #define BANK_SD TSE_R(0.15)              /* [m/s2] sd of the lateral component of gravity: a bank of 1.5 % */
 #define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of road grade and lateral gravity. If
                                           * there is no wheel speed for this time, the speed is unknown. An
                                           * event that is not confirmed within this time is discarded */
-#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of the slip of a freely rolling axle in a row: 3e-4
-                                          * sqrt(20), as only one row in 20 has new information */
-#define RATE_ROAD TSE_R(0.0001)          /* [1/s] rate of changes of the road, of returns to the previous
-                                          * road, and of changes of one axle: one in three hours */
+#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of the slip of a freely rolling axle as a pseudo-
+                                          * measurement in each row: 3e-4 sqrt(20), because only one row in
+                                          * 20 has new information */
+#define RATE_ROAD TSE_R(0.0001)          /* [1/s] rate of each of three events: change of road, return to
+                                          * the previous road, change of the tyres of one axle. One in
+                                          * three hours */
 #define RATE_SLIP TSE_R(0.1)             /* [1/s] rate at which the wheels of an axle lock or spin */
 #define RATE_FAULT TSE_R(1e-07)          /* [1/s] rate at which a channel gets an offset, freezes or
                                           * becomes noisy */
-#define CHANGE_SD TSE_R(0.4)             /* [1] sd of the change of the logarithms of stiffness and grip at
-                                          * a change of road or axle. Also the min size of such a change,
-                                          * in units of this sd: a smaller change is not an event */
-#define OWN_SHARE TSE_R(0.5)             /* [1] share of the step of a stiffness by which its sd grows: the
-                                          * earlier measurements were linearised at the old stiffness */
-#define BELIEVED TSE_R(0.95)             /* [1] posterior probability that an event has happened above
-                                          * which the most probable event is accepted. Above 1 - BELIEVED
-                                          * no stiffness is valid */
+#define CHANGE_SD TSE_R(0.4)             /* [1] sd by which the logarithms of stiffness and grip change at
+                                          * a change of road, or of the tyres of an axle. Also the min size
+                                          * of such a change, in units of this sd: a smaller change is not
+                                          * an event */
+#define OWN_SHARE TSE_R(0.5)             /* [1] if a stiffness steps, its sd grows by this share of the
+                                          * step, because the earlier measurements were linearised at the
+                                          * old stiffness */
+#define BELIEVED TSE_R(0.95)             /* [1] min posterior probability that an event has happened at
+                                          * which the most probable event is accepted. While the
+                                          * probability exceeds 1 - BELIEVED, no stiffness is valid */
 #define EVENT_SHARE TSE_R(0.1)           /* [1] share of the variance of the model discrepancy that counts
                                           * in the tests of events */
 #define USUAL_TIME TSE_R(20.0)           /* [s] averaging time of the noise of a channel and of the mean
                                           * square of its slow innovations */
-#define MAX_GROWTH TSE_R(4.0)            /* [1] a squared slow innovation counts in the update of its mean
-                                          * as at most this multiple of the mean */
+#define MAX_GROWTH TSE_R(4.0)            /* [1] in the update of the mean square of slow innovations, a
+                                          * single square counts as at most this multiple of the mean */
 #define SETTLE_TIME TSE_R(2.0)           /* [s] min time of samples before an estimate is valid. Also the
                                           * time for which a change is recent, the time for which a faulty
                                           * channel must agree before it is used again, and the time of
@@ -61,12 +67,13 @@
                                           * the road, wind */
 #define BLIND_ROWS TSE_R(2.5)            /* [1] number of sample times without a steering angle after which
                                           * the held angle is not used */
-#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity that is correlated over
-                                          * MODEL_TIME (receiver, INS filter). Also the min relative sd of
-                                          * a cornering stiffness while velocities are used, in units of
-                                          * model_sd */
-#define OFF_SHARE TSE_R(4.0)             /* [1] sd of the model discrepancy of the lateral speed, over the
-                                          * product of model_sd and the lateral slip speed of the axles */
+#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity whose correlation time is
+                                          * MODEL_TIME (filters of receiver and INS). Also the min relative
+                                          * sd of a cornering stiffness while velocities are used, in units
+                                          * of model_sd */
+#define OFF_SHARE TSE_R(4.0)             /* [1] ratio of the sd of the model discrepancy of the lateral
+                                          * speed to the product of model_sd and the lateral slip speed of
+                                          * the axles */
 #define MAX_NIS TSE_R(6.0)               /* [1] max normalised innovation squared of a velocity, averaged
                                           * over MODEL_TIME; above it the velocity is ignored. In this mean
                                           * a single value counts as at most MAX_NIS squared */

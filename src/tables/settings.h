@@ -12,35 +12,35 @@
 
 // clang-format off: table effect_parameters
 #define EFFECT_PARAMETERS(ROW, REAL) \
-  ROW(REAL, mass, change, 0.0, 0.0, -0.5, 1.0, "1", "true mass over its setting, minus 1", 1, 0, 0.1, 0.2, \
+  ROW(REAL, mass, change, 0.0, 0.0, -0.5, 1.0, "1", "true mass / setting - 1", 1, 0, 0.1, 0.2, 0.03) \
+  ROW(REAL, yaw_inertia, change, 0.0, 0.0, -0.5, 1.0, "1", "true yaw inertia / setting - 1", 1, 0, 0.1, 0.2, \
       0.03) \
-  ROW(REAL, yaw_inertia, change, 0.0, 0.0, -0.5, 1.0, "1", "true yaw inertia over its setting, minus 1", 1, \
-      0, 0.1, 0.2, 0.03) \
   ROW(REAL, cg_shift, distance, 0.0, 0.0, -0.6, 0.6, "m", \
       "distance that is added to lf and subtracted from lr; at most 9/10 of either", 1, 0, 0.05, 0.15, 0.02) \
   ROW(REAL, wheel_radius, change, 0.0, 0.0, -0.1, 0.1, "1", \
-      "true rolling radius over its setting, minus 1; both axles", 1, 0, 0.01, 0.025, 0.002) \
-  ROW(REAL, steering_ratio, change, 0.0, 0.0, -0.3, 0.3, "1", \
-      "true road-wheel angle over the logged one, minus 1", 1, 0, 0.02, 0.06, 0.005) \
+      "true rolling radius / setting - 1, the same for both axles", 1, 0, 0.01, 0.025, 0.002) \
+  ROW(REAL, steering_ratio, change, 0.0, 0.0, -0.3, 0.3, "1", "true road-wheel angle / logged angle - 1", 1, \
+      0, 0.02, 0.06, 0.005) \
   ROW(REAL, steering_offset, angle, 0.0, 0.0, -0.05, 0.05, "rad", \
-      "true road-wheel angle minus the logged one", 1, 0, 0.0017, 0.0087, 0.0003) \
+      "true road-wheel angle minus logged angle", 1, 0, 0.0017, 0.0087, 0.0003) \
   ROW(REAL, steering_delay, time, 0.0, 0.0, 0.0, 0.2, "s", "delay from the logged angle to the wheels", 1, \
       1, 0.01, 0.04, 0.002) \
   ROW(REAL, steering_lag, time, 0.02, 0.0, 0.0, 0.5, "s", \
       "sum of the time constants of both lags from the logged angle to the wheels", 1, 1, 0.02, 0.06, 0.003) \
   ROW(REAL, steering_lag, second, 0.0, 0.0, 0.0, 1.0, "1", \
-      "time constant of the second lag over that of the first; 0: one lag only", 0, 1, 0.0, 1.0, 0.0) \
+      "time constant of the second lag / time constant of the first lag; 0: one lag only", 0, 1, 0.0, 1.0, \
+      0.0) \
   ROW(REAL, exact_kinematics, share, 1.0, 1.0, 0.0, 1.0, "1", \
       "0: equations (1) to (4) with small angles, 1: exact, in between: linear interpolation", 1, 1, 1.0, \
       1.0, 0.2) \
   ROW(REAL, steering_compliance, angle_per_moment, 0.0, 0.0, 0.0, 0.001, "rad/(N m)", \
-      "steering angle lost per moment about the steering axis", 1, 1, 3.5e-05, 8.7e-05, 1e-05) \
+      "loss of steering angle / moment about the steering axis", 1, 1, 3.5e-05, 8.7e-05, 1e-05) \
   ROW(REAL, steering_compliance, trail, 0.03, 0.03, 0.001, 0.2, "m", \
       "lever arm of the lateral force about the steering axis", -1, 1, 0.02, 0.05, 0.0) \
   ROW(REAL, rear_roll_steer, gain, 0.0, 0.0, -0.5, 0.5, "1", \
-      "steering angle of the rear wheels, into the turn, per roll angle", 1, 1, 0.03, 0.1, 0.01) \
+      "steering angle of the rear wheels into the turn / roll angle", 1, 1, 0.03, 0.1, 0.01) \
   ROW(REAL, rear_roll_steer, roll, 0.0075, 0.0075, 0.0005, 0.03, "rad s2/m", \
-      "roll angle per lateral acceleration", -1, 1, 0.0053, 0.0107, 0.0) \
+      "roll angle / lateral acceleration", -1, 1, 0.0053, 0.0107, 0.0) \
   ROW(REAL, rear_roll_steer, frequency, 1.5, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll", 0, 1, \
       1.2, 2.0, 0.0) \
   ROW(REAL, rear_roll_steer, damping, 0.3, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, \
@@ -52,13 +52,13 @@
   ROW(REAL, stiffness_drift, change, 0.0, 0.0, -0.6, 1.0, "1", \
       "relative change of all stiffnesses at the end of the drift", 1, 0, 0.05, 0.15, 0.01) \
   ROW(REAL, stiffness_drift, time, 600.0, 600.0, 0.001, 36000.0, "s", \
-      "duration of the drift; a short one makes a step", -1, 1, 30.0, 3600.0, 0.0) \
+      "duration of the drift; a short duration makes it a step", -1, 1, 30.0, 3600.0, 0.0) \
   ROW(REAL, stiffness_drift, start, 0.0, 0.0, 0.0, 36000.0, "s", \
-      "time at which the drift begins, from the start", -1, 1, 0.0, 600.0, 0.0) \
+      "time from the start to the beginning of the drift", -1, 1, 0.0, 600.0, 0.0) \
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 0.0, 2000.0, "1", \
       "k in the factor 1/sqrt(1 + k slip^2) of the lateral force", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 0.0, 5.0, "1", \
-      "1/friction: load of an axle over its max lateral force", 1, 1, 0.9, 1.0, 0.2) \
+      "1/friction: load of an axle / its max lateral force", 1, 1, 0.9, 1.0, 0.2) \
   ROW(REAL, tyre_saturation, shape, 1.0, 0.0, 0.0, 1.0, "1", \
       "0: brush model with parabolic pressure distribution, 1: magic-formula tyre, which saturates later " \
       "and more abruptly", 0, 1, 0.0, 1.0, 0.0) \
@@ -66,36 +66,36 @@
       "1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear; positive: the " \
       "front axle saturates first", 0, 0, -0.15, 0.15, 0.0) \
   ROW(REAL, longitudinal_load_transfer, gain, 0.02, 0.0, -0.08, 0.08, "s2/m", \
-      "k: relative cornering stiffness per accel_x that the front axle loses and the rear axle gains", 1, 1, \
-      0.02, 0.04, 0.004) \
+      "k: relative change of the cornering stiffness / accel_x; the front axle loses stiffness if accel_x" \
+      " is positive, and the rear axle gains it", 1, 1, 0.02, 0.04, 0.004) \
   ROW(REAL, longitudinal_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
-      "k (1 + balance) in front, k (1 - balance) in the rear: tyres with more load gain less stiffness by" \
-      " additional load", 0, 0, -0.3, 0.3, 0.0) \
+      "k (1 + balance) in front, k (1 - balance) in the rear: the stiffness of tyres with a higher load " \
+      "changes less with load", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, lateral_load_transfer, gain, 0.002, 0.0, -0.003, 0.03, "s4/m2", \
       "k in the cornering stiffness C (1 - k accel_y^2)", 1, 1, 0.002, 0.005, 0.0004) \
   ROW(REAL, lateral_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
-      "k (1 + balance) in front, k (1 - balance) in the rear: distribution of the roll moment", 0, 0, -0.3, \
-      0.3, 0.0) \
-  ROW(REAL, aero_drag, coefficient, 0.4, 0.0, 0.0, 5.0, "kg/m", \
-      "force over the square of the speed: 1/2 rho cd A", 1, 1, 0.35, 0.45, 0.1) \
-  ROW(REAL, rolling_resistance, coefficient, 0.01, 0.0, 0.0, 0.2, "1", \
-      "force over weight, against the motion", 1, 1, 0.008, 0.015, 0.003) \
+      "k (1 + balance) in front, k (1 - balance) in the rear: distribution of the roll moment between the" \
+      " axles", 0, 0, -0.3, 0.3, 0.0) \
+  ROW(REAL, aero_drag, coefficient, 0.4, 0.0, 0.0, 5.0, "kg/m", "force / speed squared: 1/2 rho cd A", 1, 1, \
+      0.35, 0.45, 0.1) \
+  ROW(REAL, rolling_resistance, coefficient, 0.01, 0.0, 0.0, 0.2, "1", "force against the motion / weight", \
+      1, 1, 0.008, 0.015, 0.003) \
   ROW(REAL, grade, angle, 0.0, 0.0, -0.35, 0.35, "rad", \
-      "grade of the road, positive uphill; a replay adds a profile", 1, 0, 0.01, 0.06, 0.005) \
+      "grade of the road, positive uphill; a replay adds the grade of each row", 1, 0, 0.01, 0.06, 0.005) \
   ROW(REAL, bank, angle, 0.0, 0.0, -0.35, 0.35, "rad", \
-      "bank of the road, positive if the left side is higher; a replay adds a profile", 1, 0, 0.015, 0.03, \
-      0.003) \
+      "bank of the road, positive if the left side is higher; a replay adds the bank of each row", 1, 0, \
+      0.015, 0.03, 0.003) \
   ROW(REAL, bank, superelevation, 0.1, 0.0, -0.5, 0.5, "1", \
       "share of the lateral acceleration in a curve (speed times yaw rate) that the bank of the road " \
       "provides", 1, 1, 0.05, 0.2, 0.03) \
   ROW(REAL, crosswind, speed, 0.0, 0.0, -30.0, 30.0, "m/s", \
-      "speed of a steady wind, positive if it pushes to the left at the initial heading with " \
-      "crosswind_heading = 0", 1, 0, 3.0, 10.0, 1.0) \
+      "speed of a steady wind; positive: with crosswind_heading = 0 it pushes the car to the left at the " \
+      "start", 1, 0, 3.0, 10.0, 1.0) \
   ROW(REAL, crosswind, heading, 0.0, 0.0, -3.2, 3.2, "rad", \
       "initial heading, relative to the heading at which the wind is a pure side wind", -1, 0, -3.2, 3.2, \
       0.0) \
   ROW(REAL, crosswind, coefficient, 2.8, 2.8, 0.1, 30.0, "kg/m", \
-      "side force over the product of wind speed and air speed", -1, 1, 2.0, 4.0, 0.0) \
+      "side force / (wind speed times air speed)", -1, 1, 2.0, 4.0, 0.0) \
   ROW(REAL, crosswind, arm, 0.45, 0.45, -3.0, 3.0, "m", \
       "distance of the centre of pressure in front of the centre of gravity", 0, 0, 0.3, 0.6, 0.0) \
   ROW(REAL, conicity, front, 0.0, 0.0, -2000.0, 2000.0, "N", \
@@ -108,19 +108,20 @@
       "position of the IMU in front of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
   ROW(REAL, imu_lever_arm, y, 0.0, 0.0, -2.0, 2.0, "m", \
       "position of the IMU to the left of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
-  ROW(REAL, body_roll, gain, 0.006, 0.0, -0.02, 0.04, "rad s2/m", "roll angle per lateral acceleration", 1, \
-      1, 0.0053, 0.0107, 0.0008) \
+  ROW(REAL, body_roll, gain, 0.006, 0.0, -0.02, 0.04, "rad s2/m", "roll angle / lateral acceleration", 1, 1, \
+      0.0053, 0.0107, 0.0008) \
   ROW(REAL, body_roll, frequency, 1.6, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll", 0, 1, 1.2, 2.0, \
       0.0) \
   ROW(REAL, body_roll, damping, 0.3, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, 0.0) \
   ROW(REAL, body_roll, height, 0.0, 0.0, -1.0, 1.5, "m", \
-      "height of the IMU above the roll axis, minus coupling: height above the centre of gravity", 0, 0, \
-      0.0, 0.6, 0.0) \
+      "height of the IMU above the roll axis, minus body_roll_coupling: about the height above the centre" \
+      " of gravity", 0, 0, 0.0, 0.6, 0.0) \
   ROW(REAL, body_roll, coupling, 0.4, 0.0, -0.5, 1.0, "m", \
-      "sprung mass over mass, times the height of its centre of gravity above the roll axis; by it roll " \
-      "acceleration pushes the car sideways", 0, 1, 0.0, 0.5, 0.0) \
+      "sprung mass / mass, times the height of the centre of gravity of the sprung mass above the roll " \
+      "axis; roll acceleration times this length is a lateral acceleration of the car", 0, 1, 0.0, 0.5, 0.0) \
   ROW(REAL, pitch_leak, gain, 0.0, 0.0, -0.01, 0.03, "rad s2/m", \
-      "pitch angle per longitudinal acceleration, positive nose up", 1, 1, 0.0027, 0.0053, 0.0006) \
+      "pitch angle / longitudinal acceleration, positive: the nose rises when the car accelerates", 1, 1, \
+      0.0027, 0.0053, 0.0006) \
   ROW(REAL, pitch_leak, frequency, 1.8, 1.8, 0.3, 6.0, "Hz", "natural frequency of the pitch", 0, 1, 1.4, \
       2.2, 0.0) \
   ROW(REAL, pitch_leak, damping, 0.4, 0.4, 0.05, 2.0, "1", "damping ratio of the pitch", 0, 1, 0.2, 0.5, \
@@ -129,12 +130,12 @@
       0.0, 0.6, 0.0) \
   ROW(REAL, imu_misalignment, angle, 0.0, 0.0, -0.2, 0.2, "rad", \
       "angle from the axes of the car to those of the IMU, positive left", 1, 0, 0.017, 0.052, 0.004) \
-  ROW(REAL, imu_scale_ax, error, 0.0, 0.0, -0.3, 0.3, "1", \
-      "reading of accel_x over its true value, minus 1", 1, 0, 0.01, 0.05, 0.005) \
-  ROW(REAL, imu_scale_ay, error, 0.0, 0.0, -0.3, 0.3, "1", \
-      "reading of accel_y over its true value, minus 1", 1, 0, 0.01, 0.05, 0.005) \
-  ROW(REAL, gyro_scale, error, 0.0, 0.0, -0.3, 0.3, "1", "reading of yaw_rate over its true value, minus 1", \
-      1, 0, 0.01, 0.03, 0.003) \
+  ROW(REAL, imu_scale_ax, error, 0.0, 0.0, -0.3, 0.3, "1", "reading of accel_x / true value - 1", 1, 0, \
+      0.01, 0.05, 0.005) \
+  ROW(REAL, imu_scale_ay, error, 0.0, 0.0, -0.3, 0.3, "1", "reading of accel_y / true value - 1", 1, 0, \
+      0.01, 0.05, 0.005) \
+  ROW(REAL, gyro_scale, error, 0.0, 0.0, -0.3, 0.3, "1", "reading of yaw_rate / true value - 1", 1, 0, 0.01, \
+      0.03, 0.003) \
   ROW(REAL, imu_delay, time, 0.0, 0.0, 0.0, 0.2, "s", \
       "delay of the readings relative to steering angle and wheel speeds", 1, 1, 0.01, 0.03, 0.002)
 // clang-format on: end of table
@@ -147,7 +148,7 @@
   REAL("vehicle.mass", mass, 0.0, 1900.0, 50.0, 50000.0, "kg", \
       "vehicle mass; 0: unknown, and no stiffness becomes valid") \
   REAL("vehicle.yaw_inertia", yaw_inertia, 0.0, 3000.0, 10.0, 1000000.0, "kg m2", \
-      "yaw moment of inertia about the centre of gravity; 0: mass times lf times lr") \
+      "yaw moment of inertia about the centre of gravity; 0: mass lf lr is used") \
   REAL("vehicle.lf", lf, 1.25, 1.25, 0.1, 10.0, "m", \
       "distance from the centre of gravity to the front axle") \
   REAL("vehicle.lr", lr, 1.5, 1.5, 0.1, 10.0, "m", "distance from the centre of gravity to the rear axle") \
@@ -170,13 +171,13 @@
       "N/rad", \
       "nominal cornering stiffness of the rear axle; 0: value of an ordinary car with this axle load") \
   REAL("vehicle.rear_longitudinal_follows_front", rear_longitudinal_follows_front, 1.0, 1.0, 0.0, 1.0, "1", \
-      "relative deviation of the rear longitudinal stiffness from nominal, over that of the front one; " \
-      "paper's filter")
+      "ratio of the relative deviation of the rear longitudinal stiffness from nominal to the relative " \
+      "deviation of the front one; paper's filter")
 #define SETTINGS_UNCERTAINTY(REAL, WHOLE) \
   REAL("uncertainty.mass_sd", mass_sd, 0.05, 0.0, 0.0, 0.5, "1", \
-      "relative sd of mass; yaw_inertia deviates from its setting in proportion") \
+      "relative sd of mass; yaw_inertia deviates in proportion to the mass") \
   REAL("uncertainty.yaw_inertia_sd", yaw_inertia_sd, 0.1, 0.0, 0.0, 0.5, "1", \
-      "relative sd of yaw_inertia if the mass is exact") \
+      "relative sd of yaw_inertia for a given mass") \
   REAL("uncertainty.cg_sd", cg_sd, 0.03, 0.0, 0.0, 1.0, "m", \
       "sd of the position of the centre of gravity between the axles") \
   REAL("uncertainty.steer_ratio_sd", steer_ratio_sd, 0.03, 0.0, 0.0, 0.5, "1", \
@@ -184,7 +185,8 @@
   REAL("uncertainty.steer_offset_sd", steer_offset_sd, 0.006, 0.0, 0.0, 0.1, "rad", \
       "sd of a constant offset of steer_angle") \
   REAL("uncertainty.accel_y_scale_sd", accel_y_scale_sd, 0.03, 0.0, 0.0, 0.5, "1", \
-      "relative sd of the scale of accel_y; gravity by body roll contributes to it") \
+      "relative sd of the scale of accel_y; the gravity that accel_y measures when the body rolls " \
+      "contributes to it") \
   REAL("uncertainty.wheel_delay_sd", wheel_delay_sd, 0.02, 0.0, 0.0, 0.2, "s", \
       "sd of the delay of the wheel speeds relative to the IMU") \
   REAL("uncertainty.accel_delay_sd", accel_delay_sd, 0.003, 0.0, 0.0, 0.2, "s", \
@@ -202,8 +204,8 @@
   REAL("uncertainty.wheel_radius_sd", wheel_radius_sd, 0.005, 0.0, 0.0, 0.2, "1", \
       "relative sd of the ratio of the rear to the front wheel radius") \
   REAL("uncertainty.model_sd", model_sd, 0.12, 0.0, 0.0, 0.5, "1", \
-      "model discrepancy: sd of the part of an IMU channel that the model does not explain, over the " \
-      "recent rms of the channel; it lasts about a second") \
+      "sd of the model discrepancy, the part of an IMU channel that the model does not explain, divided " \
+      "by the recent rms of the channel; its correlation time is about a second") \
   REAL("uncertainty.grade_sd", grade_sd, 0.03, 0.0, 0.0, 0.3, "rad", \
       "sd of the road grade, which is a state: gravity along the road accelerates the car, but accel_x " \
       "does not measure it")
@@ -217,8 +219,8 @@
   REAL("sensors.wheel_noise_sd", wheel_noise_sd, 0.04, 0.0, 0.0, 5.0, "rad/s", \
       "noise sd of one sample of a wheel speed (mean of the two wheels of an axle); default filter") \
   REAL("sensors.steer_lag_sd", steer_lag_sd, 0.025, 0.02, 0.0, 0.2, "s", \
-      "sd of the delay of the steering angle relative to the IMU, by bus, steering and tyres; 0: the " \
-      "delay is known exactly; default filter") \
+      "sd of the delay of the steering angle relative to the IMU, caused by bus, steering and tyres; 0: " \
+      "the delay is known exactly; default filter") \
   REAL("sensors.accel_x_bias_sd", accel_x_bias_sd, 0.2, 0.05, 0.0, 5.0, "m/s2", \
       "sd of the bias of accel_x at the start") \
   REAL("sensors.accel_y_bias_sd", accel_y_bias_sd, 0.2, 0.05, 0.0, 5.0, "m/s2", \
@@ -226,11 +228,11 @@
   REAL("sensors.yaw_rate_bias_sd", yaw_rate_bias_sd, 0.01, 0.002, 0.0, 0.5, "rad/s", \
       "sd of the bias of yaw_rate at the start") \
   REAL("sensors.accel_x_bias_walk", accel_x_bias_walk, 0.002, 0.002, 0.0, 1.0, "m/s2/sqrt(s)", \
-      "sd of the random walk of the accel_x bias in 1 s, equations (8), (18)") \
+      "sd of the random walk of the accel_x bias in 1 s, equations (8) and (18)") \
   REAL("sensors.accel_y_bias_walk", accel_y_bias_walk, 0.002, 0.002, 0.0, 1.0, "m/s2/sqrt(s)", \
-      "sd of the random walk of the accel_y bias in 1 s, equations (8), (18)") \
+      "sd of the random walk of the accel_y bias in 1 s, equations (8) and (18)") \
   REAL("sensors.yaw_rate_bias_walk", yaw_rate_bias_walk, 0.0001, 0.0001, 0.0, 0.1, "rad/s/sqrt(s)", \
-      "sd of the random walk of the yaw_rate bias in 1 s, equations (8), (18)")
+      "sd of the random walk of the yaw_rate bias in 1 s, equations (8) and (18)")
 #define SETTINGS_LATENCY(REAL, WHOLE) \
   REAL("latency.steer_angle_latency", steer_angle_latency, 0.0, 0.0, -0.2, 0.2, "s", \
       "latency of steer_angle in the log relative to yaw_rate; negative: logged earlier") \
@@ -268,10 +270,12 @@
       "relative sd of the ratio of a measured speed to the wheel speeds, which depends on the wheel radii")
 #define SETTINGS_PEDALS(REAL, WHOLE) \
   REAL("pedals.wheel_torque_least", wheel_torque_least, 60.0, 60.0, 1.0, 2000.0, "Nm", \
-      "an axle with a smaller torque counts as rolling freely: two sd of offset and noise of the torque")
+      "an axle with a smaller |torque| counts as rolling freely; twice the sd of offset and noise of the " \
+      "torque signal")
 #define SETTINGS_ROAD(REAL, WHOLE) \
   REAL("road.road_sd", road_sd, 0.005, 0.005, 0.0, 0.3, "rad", \
-      "sd of a given bank or grade: estimates from different laps of a road agree within this")
+      "sd of the error of a given bank or grade: difference between estimates from different laps of one " \
+      "road")
 #define SETTINGS_FORMULA(REAL, WHOLE) \
   REAL("effects.formula_gain", formula_gain, 0.0, 0.0, -10.0, 10.0, "1", \
       "factor of the user's formula; 0: no formula") \
@@ -316,25 +320,25 @@
 #define SETTINGS_FILTER(REAL, WHOLE) \
   REAL("filter.sample_time", sample_time, 0.01, 0.01, 0.001, 0.1, "s", "nominal time between rows") \
   REAL("filter.forgetting", forgetting, 0.99, 0.99, 0.9, 0.9999, "1", \
-      "forgetting factor lambda of equation (17) for a nominal sample; the memory is 1/(1 - lambda) " \
-      "samples; paper's filter") \
+      "forgetting factor lambda of equation (17) per sample_time; the memory is 1/(1 - lambda) samples; " \
+      "paper's filter") \
   REAL("filter.forgetting_mean", forgetting_mean, 0.0, 0.0, 0.0, 0.9999, "1", \
-      "forgetting factor of gamma in equation (17), that is of the mean, for a nominal sample; 0: equal " \
-      "to forgetting (the paper); paper's filter") \
+      "forgetting factor of gamma in equation (17), which belongs to the mean, per sample_time; 0: equal " \
+      "to the setting forgetting (the paper); paper's filter") \
   REAL("filter.forgetting_change", forgetting_change, 1.0, 1.0, 0.5, 1.0, "1", \
-      "min forgetting factor of the mean, used while innovations are correlated, as after a change of " \
-      "road; 1: no reduction (the paper); paper's filter") \
+      "min forgetting factor of the mean, used while innovations are correlated, for example after a " \
+      "change of road; 1: no reduction (the paper); paper's filter") \
   REAL("filter.resample_threshold", resample_threshold, 0.5, 0.5, 0.0, 1.0, "1", \
       "resample when the effective number of particles N_eff falls to this share of all particles; " \
       "paper's filter") \
   REAL("filter.initial_cx_front", initial_cx_front, 1.0, 1.0, 0.2, 4.0, "1", \
-      "initial front longitudinal stiffness over nominal") \
+      "initial front longitudinal stiffness, relative to nominal") \
   REAL("filter.initial_cy_front", initial_cy_front, 1.0, 1.0, 0.2, 4.0, "1", \
-      "initial front cornering stiffness over nominal") \
+      "initial front cornering stiffness, relative to nominal") \
   REAL("filter.initial_cy_rear", initial_cy_rear, 1.0, 1.0, 0.2, 4.0, "1", \
-      "initial rear cornering stiffness over nominal") \
+      "initial rear cornering stiffness, relative to nominal") \
   REAL("filter.initial_mean_sd", initial_mean_sd, 0.3, 0.3, 0.0, 2.0, "1", \
-      "sd of the initial mean of a stiffness over nominal, sqrt(gamma Sigma); paper's filter") \
+      "sd of the initial mean of a stiffness, relative to nominal: sqrt(gamma Sigma); paper's filter") \
   REAL("filter.initial_cx_sd", initial_cx_sd, 0.3, 0.3, 0.0, 2.0, "1", \
       "relative sd of the initial longitudinal stiffness; default filter") \
   REAL("filter.initial_cy_front_sd", initial_cy_front_sd, 0.25, 0.3, 0.0, 2.0, "1", \
@@ -346,21 +350,21 @@
       "1/tyre_saturation_inverse_friction, or no saturation if that setting is 0, too; default filter") \
   REAL("filter.grip_sd", grip_sd, 0.25, 0.0, 0.0, 1.0, "1", "relative sd of grip; default filter") \
   REAL("filter.initial_spread", initial_spread, 0.07, 0.07, 0.01, 2.0, "1", \
-      "initial sample-to-sample sd of a stiffness over nominal, sqrt(Sigma); paper's filter") \
+      "initial sample-to-sample sd of a stiffness, relative to nominal: sqrt(Sigma); paper's filter") \
   REAL("filter.spread_max", spread_max, 2.0, 2.0, 0.01, 2.0, "1", \
-      "max learnt sample-to-sample sd of a stiffness over nominal, because a larger one is sensor noise; " \
-      "2: no limit (the paper); paper's filter") \
+      "max learnt sample-to-sample sd of a stiffness, relative to nominal; a larger one would be sensor " \
+      "noise; 2: no limit (the paper); paper's filter") \
   REAL("filter.spread_kernel", spread_kernel, 0.0, 0.0, 0.0, 0.5, "1", \
       "relative sd of the random factor of mean 1 by which Lambda of a resampled particle is multiplied, " \
       "so that copies differ; 0: no factor (the paper); paper's filter") \
   REAL("filter.initial_dof", initial_dof, 7.0, 7.0, 6.0, 1000.0, "1", \
-      "initial degrees of freedom nu: number of samples that initial_spread counts as; paper's filter") \
+      "initial degrees of freedom nu: initial_spread has the weight of this many samples; paper's filter") \
   REAL("filter.learnt_floor", learnt_floor, 0.1, 0.1, 0.0, 2.0, "1", \
       "min sd of a mean stiffness that was learnt in an earlier drive, relative to nominal, because the " \
       "road may be different") \
   REAL("filter.learnt_walk_day", learnt_walk_day, 0.02, 0.02, 0.0, 1.0, "1/sqrt(day)", \
-      "sd of the random walk of a mean stiffness between drives in one day, relative to nominal: wear, " \
-      "pressure, temperature, other tyres") \
+      "random walk of a mean stiffness between drives: sd of its change in one day, relative to nominal, " \
+      "by wear, pressure, temperature, other tyres") \
   REAL("filter.initial_vel_x", initial_vel_x, 0.0, 0.0, -70.0, 70.0, "m/s", \
       "initial vel_x if initial_vel_x_from_wheels is 0; paper's filter") \
   REAL("filter.initial_vel_x_sd", initial_vel_x_sd, 0.1, 0.1, 0.0, 20.0, "m/s", \
@@ -370,8 +374,10 @@
   REAL("filter.initial_yaw_rate_sd", initial_yaw_rate_sd, 0.01, 0.01, 0.0, 2.0, "rad/s", \
       "sd of the initial yaw rate, whose mean is the first sample, or 0 if it is missing; paper's filter") \
   REAL("filter.stiffness_min", stiffness_min, 0.1, 0.1, 0.02, 0.9, "1", \
-      "min stiffness over nominal; paper's filter with reflect_draws = 0: only of the initial value") \
-  REAL("filter.stiffness_max", stiffness_max, 5.0, 5.0, 1.1, 20.0, "1", "max stiffness over nominal") \
+      "min stiffness, relative to nominal; in the paper's filter with reflect_draws = 0 it limits only " \
+      "the initial value") \
+  REAL("filter.stiffness_max", stiffness_max, 5.0, 5.0, 1.1, 20.0, "1", \
+      "max stiffness, relative to nominal") \
   REAL("filter.hold_speed", hold_speed, 3.0, 3.0, 0.5, 20.0, "m/s", \
       "min wheel speed for learning; below it, and in reverse, stiffness is not updated") \
   REAL("filter.max_steer", max_steer, 0.7, 0.7, 0.05, 1.2, "rad", \
@@ -383,10 +389,10 @@
   REAL("filter.max_gap", max_gap, 0.25, 0.25, 0.01, 1.0, "s", \
       "max time between rows; after a longer gap the motion is set from the sensors") \
   REAL("filter.valid_sd", valid_sd, 0.1, 0.1, 0.01, 1.0, "1", \
-      "max sd of a valid stiffness, relative to its mean (paper's filter: to nominal)") \
+      "max sd of a valid stiffness, relative to its mean (paper's filter: relative to nominal)") \
   REAL("filter.steady_walk", steady_walk, 0.0005, 0.0005, 0.0, 0.1, "1/sqrt(s)", \
-      "sd of the random walk of a stiffness in 1 s between events, relative: wear, temperature; default " \
-      "filter") \
+      "relative sd of the random walk of a stiffness in 1 s while no event happens: wear, temperature; " \
+      "default filter") \
   WHOLE("filter.form", form, TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, \
       TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, TSE_FIRST_FORM, TSE_LAST_FORM, \
       "", "filter: 0 the default Kalman filter, 1 the paper's particle filter; form 2 of older versions is " \
@@ -394,8 +400,8 @@
   REAL("filter.cg_height", cg_height, 0.55, 0.0, 0.0, 3.0, "m", \
       "height of the centre of gravity, for the load transfer between the axles; default filter") \
   WHOLE("filter.wheel_signals", wheel_signals, 2, 2, 1, 2, "", \
-      "1: both wheel speeds are one signal, the speed of the vehicle, from which no slip can be " \
-      "estimated; 2: two signals, unless they are found to be one; default filter") \
+      "1: both wheel speeds are the same signal, the speed of the vehicle, from which no slip can be " \
+      "estimated; 2: they are two signals, unless the filter finds that they are the same; default filter") \
   WHOLE("filter.driven_axle", driven_axle, 0, 0, 0, 2, "", \
       "driven axle: 0 both or unknown, 1 front, 2 rear; the other axle rolls freely while the car does " \
       "not brake; default filter") \
@@ -420,20 +426,20 @@
   REAL("simulation.wheel_inertia_rear", wheel_inertia_rear, 2.4, 2.4, 0.05, 500.0, "kg m2", \
       "rotational inertia of both rear wheels") \
   REAL("simulation.true_cx_front", true_cx_front, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean front longitudinal stiffness over nominal; the rear one follows by " \
+      "mean front longitudinal stiffness, relative to nominal; the rear one follows by " \
       "rear_longitudinal_follows_front") \
   REAL("simulation.true_cy_front", true_cy_front, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean front cornering stiffness over nominal") \
+      "mean front cornering stiffness, relative to nominal") \
   REAL("simulation.true_cy_rear", true_cy_rear, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean rear cornering stiffness over nominal") \
+      "mean rear cornering stiffness, relative to nominal") \
   REAL("simulation.spread_cx_front", spread_cx_front, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the stiffness over its mean") \
+      "sample-to-sample sd of the front longitudinal stiffness, relative to its mean") \
   REAL("simulation.spread_cy_front", spread_cy_front, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the stiffness over its mean") \
+      "sample-to-sample sd of the front cornering stiffness, relative to its mean") \
   REAL("simulation.spread_cy_rear", spread_cy_rear, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the stiffness over its mean") \
+      "sample-to-sample sd of the rear cornering stiffness, relative to its mean") \
   REAL("simulation.noise", noise, 1.0, 1.0, 0.0, 100.0, "1", \
-      "true noise sd of the IMU channels over the sd in the settings") \
+      "ratio of the true noise sd of the IMU channels to the sd in the settings") \
   REAL("simulation.steer_angle_sd", steer_angle_sd, 0.0, 0.0, 0.0, 0.1, "rad", \
       "noise sd of the logged steering angle") \
   REAL("simulation.wheel_speed_sd", wheel_speed_sd, 0.0, 0.0, 0.0, 10.0, "rad/s", \
@@ -445,14 +451,14 @@
   REAL("simulation.true_bias_yaw_rate", true_bias_yaw_rate, 0.0, 0.0, -0.5, 0.5, "rad/s", \
       "yaw_rate bias at the start") \
   REAL("simulation.bias_walk", bias_walk, 0.0, 0.0, 0.0, 100.0, "1", \
-      "sd of the random walk of the true biases over that in the settings") \
+      "ratio of the sd of the random walk of the true biases to the sd in the settings") \
   REAL("simulation.speed", speed, 20.0, 20.0, 0.0, 70.0, "m/s", \
       "vel_x at the start; the wheels then roll freely") \
   REAL("simulation.vel_y", vel_y, 0.0, 0.0, -20.0, 20.0, "m/s", \
       "vel_y at the start; positive: the car slides to the left") \
   REAL("simulation.friction", friction, 0.0, 0.0, 0.0, 2.0, "1", \
       "friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres") \
-  REAL("simulation.substep", substep, 0.001, 0.001, 0.0001, 0.005, "s", "max integration step") \
+  REAL("simulation.substep", substep, 0.001, 0.001, 0.0001, 0.005, "s", "max step of the integration") \
   WHOLE("simulation.hold_inputs", hold_inputs, 0, 0, 0, 1, "", \
       "1: the inputs of the driver are held from row to row; 0: they change linearly between rows") \
   WHOLE("simulation.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers")
