@@ -4,8 +4,8 @@
 #include "number/vector.h"
 
 #define MAX_SUBSTEP TSE_R(0.011) /* [s] max substep of the integration; a row of 10 ms is one substep */
-#define RADIUS_LOSS TSE_R(0.005) /* [1] share of the rolling radius that is lost by the static load: 8 % of
-                                  * 20 mm deflection, over a radius of 0.32 m */
+#define RADIUS_LOSS TSE_R(0.005) /* [1] share of the rolling radius that is lost under the static load: 8 % of
+                                  * a deflection of 20 mm, divided by a radius of 0.32 m */
 
 /* Force of a tyre in one direction. */
 typedef struct tyre {
@@ -13,7 +13,7 @@ typedef struct tyre {
   tse_real by_slip;      /* its derivative with respect to slip, or slip angle */
   tse_real by_stiffness; /* its derivative with respect to the logarithm of the stiffness */
   tse_real by_mu;        /* its derivative with respect to the logarithm of the grip */
-  tse_real secant;       /* force over slip */
+  tse_real secant;       /* force / slip */
   tse_real endless;      /* force that a linear tyre would have */
 } tyre;
 
@@ -81,7 +81,7 @@ static void compute_force_slopes(
   const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
     int at;
-    /* derivatives of the front forces, in the axes of the wheels, and of the rear forces */
+    /* derivatives of the front forces (axes of the wheels) and of the rear forces */
     tse_real x, y, rear_x, rear_y;
   } by[] = {
     { SF, t->x_front.by_slip, none, none, none },
@@ -161,8 +161,8 @@ static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES
   return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Return whether the motion depends on state or parameter j. Biases and the front radius
- * change only the readings of sensors. */
+/* Return whether the motion depends on state or parameter j. Biases and the error of the
+ * front wheel radius change only the readings of sensors. */
 static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
 /* Add `more` to the derivative with respect to column j, if there is such a column. */
@@ -171,16 +171,15 @@ static void add_slope(tse_short *row, int j, tse_real more)
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Advance velocities and roll by a substep h, and their derivatives by the chain
- * rule in the same order. The yaw rate comes first, so that the velocities use its
- * value at mid-step.
+/* Advance velocities and roll by a substep h, and their partial derivatives M by the
+ * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
- * The forces f do not include the response of the slip angles to the velocities of this
- * substep. This response until mid-step is added: without it the scheme would be of first
- * order if the slip angles relax within a substep.
+ * The forces f do not include the response of the slip angles to the change of the
+ * velocities in this substep. The response until mid-step is added here: without it the
+ * scheme would be of first order if the slip angles relax within a substep.
  *   Given:    f       forces at mid-step
  *             follow  [s/m] share of the distance to the kinematic slip angles that is
- *                     covered in half a substep, over the speed
+ *                     covered in half a substep, divided by the speed
  *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])
@@ -243,9 +242,9 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   add_slope(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Advance the slip angles by h, with velocities and roll at mid-step, and their
- * derivatives. A ramp of the steering angle is replaced by a constant angle with the same
- * effect. It is the angle at mid-step or, if the relaxation is short, up to 0.5 h later.
+/* Advance the slip angles by h, with velocities and roll at mid-step, and their partial
+ * derivatives M. A ramp of the steering angle is replaced by a constant angle with the
+ * same effect: the angle at mid-step or, if the relaxation is short, up to 0.5 h later.
  *   Given:     side  lateral force of the front axle
  *              from  steering angle at the start, after its latency
  *              rate  rate of the steering angle

@@ -4,14 +4,15 @@
  * over the relaxation length. The slip of each axle is a state, so that wheel speeds are
  * measurements. Tyres have a stiffness at zero slip, and their force is limited by the
  * grip. The body rolls. The steering angle is the only input. Forces are divided by the
- * mass. Axes are those of ISO 8855. Slip is positive when driving, a slip angle if the
- * force points to the left.
+ * mass. Axes are those of ISO 8855. The slip of a driven axle is positive, and so is a
+ * slip angle whose lateral force points to the left.
  *
  * The equations follow in the order of car.c. Names are those of the members of tse_car
  * (state.h) and of the states below. Other symbols:
- *   i              axle; of two signs the upper one is for the front axle
+ *   i              axle; of two signs, as in 1 -+ x, the first is for the front axle
  *   s, a           slip and slip angle of an axle
- *   c_x, c_i, c_mu logarithms of stiffness and grip, over their nominal values
+ *   d              road-wheel angle of the front axle
+ *   c_x, c_i, c_mu ln(longitudinal stiffness, cornering stiffness, grip / nominal value)
  *
  *   Tyre        F = C s c(q), q = |C s|/limit; the same with the slip angle a for s
  *               c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model), interpolated by
@@ -19,7 +20,7 @@
  *   Loads       A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)
  *               limit_i = grip e^c_mu end_i (1 -+ height_i A)
  *               end_i = load_i/(1 +- balance)
- *               B is the lateral acceleration by tyres that lose the share
+ *               B is the lateral acceleration if the tyres lose the share
  *               (side_front + side_rear)/2 B^2 of their stiffness
  *   Stiffness   longitudinal  C = kx_i e^c_x (1 -+ height_i A)
  *               lateral       C = ky_i e^c_i (1 -+ along_i A) max(1 - side_i B^2, 0.1)
@@ -39,7 +40,7 @@
  *               relaxation a_r' = v (-atan((v_y - lr r)/v) + roll_steer phi - a_r)
  *               v = max(|v_x|, 1 m/s)
  *   Pitch       p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency
- *               read = pitch_leak p - pitch_height p'', the part of accel_x by pitch
+ *               read = pitch_leak p - pitch_height p'', part of accel_x due to pitch
  *   IMU         x = a_x - lever_x r^2 - lever_y r' + read
  *               y = a_y + lever_x r' - lever_y r^2 + roll_leak phi - roll_height phi''
  *               accel_x = scale_x (x cos m + y sin m) + b_x, m is the mounting angle
@@ -89,14 +90,14 @@
   NOT_SMALL(ROW(BX,   0.05, 50))  /* [m/s2] bias of accel_x */ \
   ROW(BY,   0.05,  50)  /* [m/s2] bias of accel_y */ \
   ROW(BR,   0.002, 6)   /* [rad/s] bias of yaw_rate */ \
-  NOT_SMALL(ROW(LCX,  0.1,  4))   /* [1] logarithm of the longitudinal stiffness over nominal */ \
-  ROW(LCF,  0.1,   4)   /* [1] logarithm of the front cornering stiffness over nominal */ \
-  ROW(LCR,  0.1,   4)   /* [1] logarithm of the rear cornering stiffness over nominal */ \
-  ROW(LMU,  0.2,   4)   /* [1] logarithm of the grip over its setting */ \
+  NOT_SMALL(ROW(LCX,  0.1,  4))   /* [1] ln(longitudinal stiffness / nominal) */ \
+  ROW(LCF,  0.1,   4)   /* [1] ln(front cornering stiffness / nominal) */ \
+  ROW(LCR,  0.1,   4)   /* [1] ln(rear cornering stiffness / nominal) */ \
+  ROW(LMU,  0.2,   4)   /* [1] ln(grip / setting) */ \
   ROW(STEER_OFFSET, 0.002, 0.2) /* [rad] offset of the steering angle */ \
-  ROW(GAIN, 0.02,  0.5) /* [1] error of the steering ratio */ \
+  ROW(GAIN, 0.02,  0.5) /* [1] true road-wheel angle / logged one - 1 */ \
   NOT_SMALL(ROW(LATE, 0.01,  0.2)) /* [s] latency of the steering angle */ \
-  NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] relative error of the front wheel radius */ \
+  NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] front wheel radius in the settings / true one - 1 */ \
   ROW(LEAN, 0.05,  0.9) /* [1] superelevation: share of v_x r that the bank of curves provides */
 /* Extra states, for measured velocities. They follow the others. */
 #define EXTRA_ROWS(ROW) \
@@ -127,10 +128,11 @@ enum {
 
 /* Consider parameters: uncertain quantities that are not estimated.
  *
- * Those before CONSIDER_SCALE are parameters of the car. They are columns of the matrices
- * of partial derivatives, after the columns of the states. The others are parameters of
- * the sensors. The names are those of TSE_CONSIDER_... (tse/config.h). That list also has
- * states and the model error, and has one relaxation length for both axles. */
+ * The parameters before CONSIDER_SCALE belong to the car. In the matrices of partial
+ * derivatives their columns follow those of the states. The parameters from
+ * CONSIDER_SCALE on belong to the sensors. The public enumeration TSE_CONSIDER_...
+ * (tse/config.h) uses the same names. In addition it contains states and the model error,
+ * and it has one relaxation length for both axles. */
 #if defined(TSE_SMALL)
 #define KNOWN_NAME(name) name,
 enum {
@@ -201,20 +203,21 @@ typedef struct forces {
   tse_real x, y, yaw; /* [m/s2] [m/s2] [rad/s2] */
   /* derivatives of x, y, yaw with respect to states and consider parameters */
   tse_real by_x[PLACES], by_y[PLACES], by_yaw[PLACES];
-  tse_real sin_d, cos_d;         /* [1] of the road-wheel angle d */
-  tse_real steer, rate;          /* [rad] logged angle; [rad/s] its rate */
+  tse_real sin_d, cos_d;         /* [1] sine and cosine of the road-wheel angle d */
+  tse_real steer, rate;          /* [rad] logged steering angle; [rad/s] its rate */
   tse_real side;                 /* [m/s2] lateral force of the front axle */
   tse_real endless_x, endless_y; /* [m/s2] forces that linear tyres would have */
 } forces;
 
 /* Compute the forces at the state x.
  *   Given:  u      steering angle during the row
- *           share  time within the row over its duration, 0 .. 1
+ *           share  time since the start of the row / duration of the row, 0 .. 1
  *   Cost:   O(1) */
 void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f);
 
-/* Compute the secant stiffness at the state x, over the stiffness at zero slip.
- *   Returned:  share[3]  longitudinal front, cornering front, cornering rear
+/* Compute the ratio of the secant stiffness at the state x to the stiffness at zero slip.
+ *   Returned:  share[3]  ratio of the longitudinal stiffness of the front axle, and of
+ *                        the cornering stiffness of the front and of the rear axle
  *   Cost:      O(1) */
 void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[3]);
 
@@ -237,7 +240,7 @@ void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, 
 
 /* Advance the pitch by dt, at the longitudinal acceleration ax.
  *   Updated:   pitch  acceleration after the second-order lag of the pitch, and its rate
- *   Returned:  [m/s2] part of accel_x by pitch */
+ *   Returned:  [m/s2] part of accel_x that is due to pitch */
 tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
 
 /* Predict the measurements at the state x.

@@ -74,9 +74,9 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the moment of the front lateral force turns the wheels back by c
- * n C alpha, with c the angle per moment, n the trail and C the cornering stiffness.
- * From alpha = alpha_0 - c n C alpha follows alpha = alpha_0/(1 + c n C). C is the
+/* steering_compliance: the moment of the front lateral force turns the wheels back by
+ * c n C alpha: c is angle / moment, n the trail and C the cornering stiffness. From
+ * alpha = alpha_0 - c n C alpha follows alpha = alpha_0/(1 + c n C). C is the
  * stiffness before the STIFFNESS effects, so that saturation does not reduce the moment.
  * A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5 degrees
  * per 100 Nm. */
@@ -85,9 +85,9 @@ static inline void steering_compliance_slip(point *pt)
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the roll angle steers the rear wheels into the turn: alpha_r + gain
- * roll x. x is the lateral specific force after a second-order lag (mode_step in laws.h),
- * and roll x the roll angle. Typical gain 0.03 .. 0.1. */
+/* rear_roll_steer: the roll angle steers the rear wheels into the turn and thus adds
+ * gain roll x to alpha_r. x is the lateral specific force after a second-order lag
+ * (mode_step in laws.h), and roll x the roll angle. Typical gain 0.03 .. 0.1. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -118,9 +118,9 @@ static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
 }
 
-/* longitudinal_relaxation: as relaxation, for the slip s of an axle: s' = (v/length)(slip
- * - s), v is the denominator of the slip. Typical length 0.1 .. 0.4 m, which includes the
- * lag of the driveline. */
+/* longitudinal_relaxation: the slip s of a tyre follows the kinematic slip over a length:
+ * s' = (v/length)(slip - s), v is the denominator of the slip. Typical length
+ * 0.1 .. 0.4 m, which includes the lag of the driveline. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.s_front = lag[2];
@@ -177,7 +177,7 @@ static inline void tyre_saturation_grip(point *pt)
 
 /* longitudinal_load_transfer: the cornering stiffness is Cf (1 - k (1 + balance) ax)
  * in front and Cr (1 + k (1 - balance) ax) in the rear, at least a tenth of Cf and
- * Cr. ax is the acceleration by the longitudinal tyre forces. The longitudinal
+ * Cr. ax is the acceleration due to the longitudinal tyre forces. The longitudinal
  * stiffness is unchanged, because the sum of both axles would not change. Typical k
  * 0.02 .. 0.04 s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
@@ -188,9 +188,9 @@ static inline void longitudinal_load_transfer_stiffness(point *pt)
 }
 
 /* lateral_load_transfer: the cornering stiffness is C (1 - k a^2), at least a tenth of C.
- * a is the lateral acceleration by tyres of this reduced stiffness, and follows from the
- * acceleration a0 without reduction (compute_lateral_square() in laws.h). k is multiplied
- * by 1 + balance in front and by 1 - balance in the rear. Typical k 0.002 .. 0.005 s4/m2,
+ * a is the lateral acceleration with this reduced stiffness. It follows from a0, the
+ * acceleration without reduction (compute_lateral_square() in laws.h). k is multiplied by
+ * 1 + balance in front and by 1 - balance in the rear. Typical k 0.002 .. 0.005 s4/m2,
  * which is -5 .. -12 % at 5 m/s2. */
 static inline void lateral_load_transfer_stiffness(point *pt)
 {
@@ -212,17 +212,18 @@ static inline void rolling_resistance_body(point *pt)
   pt->force.x = pt->force.x - rolling_of(pt->p->car.rolling, pt->vx);
 }
 
-/* grade: gravity adds -g sin(angle + profile) to vx'. It accelerates the car, and
- * accelerometers do not measure it. Typical 1 .. 6 %, positive uphill. */
+/* grade: gravity adds -g sin(angle + grade of the row) to vx'. It accelerates the car,
+ * and accelerometers do not measure it. Typical 1 .. 6 %, positive uphill. */
 static inline void grade_body(point *pt)
 {
   pt->gravity_x = -gravity_along(pt->p->effects.grade_angle + pt->g.grade);
 }
 
-/* bank: gravity adds -g sin(angle + profile) + superelevation vx r to vy'. It accelerates
- * the car, and accelerometers do not measure it. superelevation is the share of the
- * lateral acceleration in a curve that the bank of the curve provides. Typical angle 1.5
- * .. 3 %, positive if the left side is higher; typical superelevation 0.05 .. 0.2. */
+/* bank: gravity adds -g sin(angle + bank of the row) + superelevation vx r to vy'. It
+ * accelerates the car, and accelerometers do not measure it. superelevation is the share
+ * of the lateral acceleration in a curve that the bank of the curve provides. Typical
+ * angle 1.5 .. 3 %, positive if the left side is higher. Typical superelevation 0.05 ..
+ * 0.2. */
 static inline void bank_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -231,9 +232,9 @@ static inline void bank_body(point *pt)
 }
 
 /* crosswind: the wind adds the lateral force c w sqrt(vx^2 + w^2) cos(psi). psi is the
- * setting heading plus the change of heading since the start. The force acts `arm` in
- * front of the centre of gravity. Typical wind speed w 3 .. 10 m/s, coefficient c 2.8
- * kg/m, arm 0.45 m. */
+ * setting crosswind_heading plus the change of heading since the start. The force acts
+ * `arm` in front of the centre of gravity. Typical: wind speed w = 3 .. 10 m/s,
+ * coefficient c = 2.8 kg/m, arm = 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -252,8 +253,8 @@ static inline void crosswind_remember(tse_effect_memory *m, const point *a, cons
   m->heading = turns - r_from_int(r_floor_to_int(turns));
 }
 
-/* conicity: each axle has a lateral force at zero slip angle, by conicity and ply steer
- * of its tyres. Typical 50 .. 150 N. */
+/* conicity: each axle has a lateral force at zero slip angle, due to conicity and ply
+ * steer of its tyres. Typical 50 .. 150 N. */
 static inline void conicity_body(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -283,13 +284,14 @@ static inline void imu_lever_arm_sensor(reading *z)
  *
  * Gravity and the acceleration of the IMU about the roll axis add g phi - height phi'' to
  * accel_y. The acceleration of the rolling mass acts on the car: m (vy' + vx r) = sum of
- * tyre forces + m coupling phi''. coupling is the sprung mass over m, times the height of
- * its centre of gravity above the roll axis. vy is the speed of the roll axis, so that
- * height is that of the IMU above the roll axis, minus coupling.
+ * tyre forces + m coupling phi''. coupling is sprung mass / m, times the height of the
+ * centre of gravity of the sprung mass above the roll axis. vy is the speed of the roll
+ * axis, and vy' contains coupling phi''. `height` is therefore the height of the IMU
+ * above the roll axis, minus coupling.
  *
  * Typical gain 3 .. 6 degrees per g, frequency 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 
-/* Return x''. Given: x, speed  x and x' */
+/* Return x'' of body_roll.   Given: x, speed  x and x' */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
@@ -344,13 +346,13 @@ static inline void imu_misalignment_sensor(reading *z)
   z->y[1] = read.y;
 }
 
-/* imu_scale_ax: accel_x (1 + error). Typical 1 .. 5 %. */
+/* imu_scale_ax: the reading is accel_x (1 + error). Typical 1 .. 5 %. */
 static inline void imu_scale_ax_sensor(reading *z) { z->y[0] = r_mul(z->pt->p->car.scale_x, z->y[0]); }
 
-/* imu_scale_ay: accel_y (1 + error). Typical 1 .. 5 %. */
+/* imu_scale_ay: the reading is accel_y (1 + error). Typical 1 .. 5 %. */
 static inline void imu_scale_ay_sensor(reading *z) { z->y[1] = r_mul(z->pt->p->car.scale_y, z->y[1]); }
 
-/* gyro_scale: yaw_rate (1 + error). Typical 1 .. 3 %. */
+/* gyro_scale: the reading is yaw_rate (1 + error). Typical 1 .. 3 %. */
 static inline void gyro_scale_sensor(reading *z) { z->y[2] = r_mul(z->pt->p->car.scale_r, z->y[2]); }
 
 /* imu_delay: the IMU reads y(t - time), interpolated linearly between rows. Typical 10

@@ -14,7 +14,7 @@ static inline int effect_is_on(const tse_effects *e, int effect) { return (int)(
 
 #if !defined(TSE_NO_EFFECTS)
 
-/* Additional inputs of a log row: profile of the road, and disturbances at the places
+/* Additional inputs of a log row: angles of the road, and disturbances at the places
  * where effects act. */
 typedef struct given {
   tse_real grade, bank;           /* [rad] added to the settings grade_angle and bank_angle */
@@ -25,10 +25,10 @@ typedef struct given {
 /* Wheels whose speeds v = R omega are states, front and rear:
  *   v' = drive - brake - load Fx/m
  * A brake opposes the rotation. Between -still and still its torque is proportional to v,
- * so that it holds a standing wheel without a discontinuity. J: inertia of the wheels. */
+ * so that it holds a standing wheel without a discontinuity. */
 typedef struct wheels {
   int32_t turning;             /* 0: wheel speeds are inputs, and the other members are not used */
-  tse_real load[2];            /* [1] m R^2/J */
+  tse_real load[2];            /* [1] m R^2/J, J inertia of the wheels of an axle */
   tse_real drive[2], brake[2]; /* [m/s2] torques times R/J */
   tse_real still[2];           /* [m/s] speed above which the brake has its full torque */
 } wheels;
@@ -46,7 +46,7 @@ typedef struct point {
   const tse_params *p;        /* the car */
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
-  inputs u;                   /* the steering angle is that after the INPUT effects */
+  inputs u;                   /* its steering angle is the result of the INPUT effects */
   tse_real ahead;             /* [s] time of this point minus that of the memory */
   given g;
   wheels w;
@@ -189,10 +189,10 @@ static inline void effects_stiffness(point *pt)
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
-/* Return the force of a brush tyre over that of a linear tyre, if both directions
- * saturate together.
- *   Given:  limit   friction times axle load, over mass
- *           fx, fy  forces of linear tyres over mass */
+/* Return the ratio of the force of a brush tyre to that of a linear tyre. It is the same
+ * for the longitudinal and the lateral force, because their resultant saturates.
+ *   Given:  limit   friction times axle load / mass; 0: no saturation
+ *           fx, fy  forces of linear tyres / mass */
 static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real fy)
 {
   tse_real slope;
@@ -200,7 +200,8 @@ static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real 
                           : TSE_R(1);
 }
 
-/* Reduce the stiffness of each axle by saturation at these slips.
+/* Replace the stiffness of each axle by the secant stiffness of its saturated force at
+ * these slips.
  *   Updated:  pt->k */
 static inline void reduce_stiffness(point *pt)
 {
@@ -283,12 +284,12 @@ static inline void effects_at(
 
 /* ---- integrator.c */
 
-/* Set the memory to steady state, and evaluate the point: slips after relaxation equal
- * the kinematic ones, and second-order lags equal the acceleration.
+/* Evaluate the point, and set the memory to its steady state: slips after relaxation
+ * equal the kinematic slips, and outputs of second-order lags equal the acceleration.
  *   Updated:  m, pt */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* Integrate (7) with effects from the evaluated point `at` over dt, in equal steps. The
+/* Integrate (7) with effects over dt in equal steps, from the evaluated point `at`. The
  * inputs change linearly from those of `at` to `to`.
  *   Updated:  m, at  at the end of dt, evaluated */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,

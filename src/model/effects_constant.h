@@ -1,13 +1,14 @@
-/* model/effects_constant.h - CONSTANT effects, which change settings, in the order of
- * effects.toml. Included by prepare.c only, because they compute with tse_setting. */
+/* model/effects_constant.h - effects of hook CONSTANT, which change settings, in the
+ * order of effects.toml. Only prepare.c includes this file. The functions compute with
+ * numbers of type tse_setting. */
 
-/* mass: mass m (1 + change). Yaw inertia, and stiffness in N and N/rad, are unchanged.
- * Typical change 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are estimated,
- * only the ratio of mass to yaw inertia is observable. */
+/* mass: the mass is m (1 + change). Yaw inertia, and stiffness in N and N/rad, are
+ * unchanged. Typical change 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are
+ * estimated, only the ratio of mass to yaw inertia is observable. */
 static inline void mass_constant(tse_config *c) { c->mass += r_mul(c->mass, c->mass_change); }
 
-/* yaw_inertia: yaw inertia I (1 + change). Typical change 0.1 .. 0.2, observable
- * as for mass. */
+/* yaw_inertia: the yaw inertia is I (1 + change). Typical change 0.1 .. 0.2. Only the
+ * ratio of mass to yaw inertia is observable, as for `mass`. */
 static inline void yaw_inertia_constant(tse_config *c)
 {
   c->yaw_inertia += r_mul(c->yaw_inertia, c->yaw_inertia_change);
@@ -25,8 +26,8 @@ static inline void cg_shift_constant(tse_config *c)
   c->lr -= d;
 }
 
-/* wheel_radius: rolling radius R (1 + change) of both axles. Typical change 0.01 ..
- * 0.025: wear, pressure, tyre size. */
+/* wheel_radius: the rolling radius of both axles is R (1 + change). Typical change
+ * 0.01 .. 0.025: wear, pressure, tyre size. */
 static inline void wheel_radius_constant(tse_config *c)
 {
   c->wheel_radius_front += r_mul(c->wheel_radius_front, c->wheel_radius_change);

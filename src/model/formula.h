@@ -9,7 +9,7 @@
  * later. Operations with memory therefore extrapolate, and formula_remember() stores
  * their result after the step. Like catalogue.h, this file includes nothing. */
 
-#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; a larger one, and NaN, becomes 0 */
+#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; a larger value and NaN become 0 */
 
 /* One evaluation of the program. */
 typedef struct formula_run {
@@ -68,7 +68,7 @@ static inline tse_real formula_soft(tse_real x) { return r_div(x, r_sqrt(TSE_R(1
  *
  * Each of them has its own three numbers, f->pt->m->formula[f->used]. */
 
-/* Store the numbers a, b, c for the next step, if the memory is updated. Returned: a */
+/* Store the numbers a, b, c for the next step, if f->next is not NULL.   Returned: a */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
 {
   if (f->next) {
@@ -205,7 +205,7 @@ static inline tse_real formula_program(formula_run *f)
 
 #endif
 
-/* Return the value of the formula at a point, in the unit of the place where it is
+/* Return the value of the formula at a point, in the unit of the place to which it is
  * added. */
 static inline tse_real formula_at(const point *pt)
 {
@@ -213,8 +213,8 @@ static inline tse_real formula_at(const point *pt)
   return r_mul(pt->p->effects.formula_gain, formula_clip(formula_program(&f)));
 }
 
-/* Add the value of the formula at the SLIP hook, if its place is there. The functions
- * after it do the same at the hooks STIFFNESS, BODY and SENSOR. */
+/* At hook SLIP, add the value of the formula to a slip angle, if that is its place. The
+ * next functions do the same at the hooks STIFFNESS, BODY and SENSOR. */
 static inline void formula_slip(point *pt)
 {
   const int place = formula_place_of(&pt->p->effects);

@@ -15,7 +15,7 @@ static tse_real compute_brake_torque(const wheels *w, int a, tse_real v)
 }
 
 /* Return the derivative of compute_brake_torque() with respect to v, which is 0 if the
- * brake has its full torque. With secant = 1 return torque over v, which is never 0. */
+ * brake has its full torque. If secant is 1, return torque / v, which is never 0. */
 static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int secant)
 {
   if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
@@ -45,10 +45,10 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2];     /* gh times the damping of vx by the tyres of an axle */
-  tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if its speed is an input */
+  tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
+  tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if the wheel speed is an input */
   lateral_block side;
-  /* of each LAG state: 1/(1 + gh rate), b, and gh times stiffness over mass */
+  /* of each LAG state: 1/(1 + gh rate), b, and gh times stiffness / mass */
   tse_real slow[4], b[4], force[4];
   int lags; /* 1: there are LAG states */
 } solver;
@@ -66,7 +66,7 @@ static void factor_lags(const point *pt, tse_real gh, solver *m)
 }
 
 /* Compute the factors of 1 - gh J.
- *   Given:  secant  1: a brake enters by its secant, not by its derivative */
+ *   Given:  secant  1: a brake enters by torque / v; 0: by the derivative of torque */
 static solver factor_matrix(const point *pt, tse_real gh, int secant)
 {
   solver m;

@@ -12,8 +12,8 @@
 #define LOW_SPEED TSE_R(1.0) /* [m/s] min speed in the denominator of slip and slip angles. At lower speeds
                               * the force of a tyre is proportional to its contact velocity, as that of a
                               * damper (after Bernard & Clover, SAE 950311) */
-#define MAX_PULL TSE_R(10)   /* [m/s2] max acceleration by tyres that is used for load transfer; with linear
-                              * tyres it could be larger */
+#define MAX_PULL TSE_R(10)   /* [m/s2] max of the acceleration from which load transfer is computed; linear
+                              * tyres could produce a larger one */
 #define MIN_SHARE_LEFT TSE_R(0.1) /* [1] min share of load or stiffness after load transfer */
 #define HALF_TURN TSE_R(3.141592653589793) /* [rad] */
 #define TWO_PI TSE_R(6.283185307179586)
@@ -37,8 +37,8 @@ static inline void sin_cos(tse_real angle, tse_real *s, tse_real *c)
 static inline tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_OF_E, x)); }
 static inline tse_real logarithm(tse_real x) { return r_mul(LN_2, r_log2(x)); }
 
-/* Return exp(-dt/time), the share of its initial value that a first-order lag with this
- * time constant has after dt. */
+/* Return exp(-dt/time): what is left after dt of an initial value 1 of a first-order lag
+ * with this time constant and input 0. */
 static inline tse_real left_of(tse_real dt, tse_real time)
 {
   return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time)));
@@ -83,7 +83,7 @@ static inline void mode_step(
   x[0] += r_mul(r_mul(TSE_R(0.5), h), v + x[1]);
 }
 
-/* Return x'' of such a lag.
+/* Return x'' of the second-order lag of mode_step().
  *   Given:  x, speed  x and x'
  *           rate      w [rad/s] */
 static inline tse_real compute_mode_swing(
@@ -122,14 +122,14 @@ static inline tse_real slip_angle(tse_real across, tse_real along)
 
 /* ---- tyres */
 
-/* Return the force of a tyre over that of a linear tyre at q = stiffness
- * slip/(friction load).
+/* Return the ratio of the force of a tyre to that of a linear tyre, at
+ * q = stiffness slip/(friction load).
  *   shape 0: brush model with parabolic pressure distribution,
  *            1 - q/3 + q^2/27 up to q = 3, then 1/q
  *   shape 1: (1 + q^2 + q^4)^(-1/4), which differs by at most 0.08 from magic-formula car
  *            tyres up to q = 1.2
- * A shape between 0 and 1 interpolates linearly. q times either result, the force over
- * friction times load, has the slope 1 at q = 0 and tends to 1.
+ * A shape between 0 and 1 interpolates linearly. q times the ratio is the force divided
+ * by (friction load). Its derivative with respect to q is 1 at q = 0, and it tends to 1.
  *   Returned:  *slope  q times the derivative of the result with respect to q */
 static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
 {
@@ -154,12 +154,12 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* Limit the acceleration by linear tyres, from which load transfer is computed. */
+/* Limit the acceleration that linear tyres produce, to compute load transfer from it. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
-/* Return the square of the lateral acceleration a by tyres that lose the share k a^2 of
- * their stiffness. It follows from the acceleration a0 without this loss: to first order
- * a = a0 (1 - k a^2) is solved by a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
+/* Return a^2, the square of the lateral acceleration a if the tyres lose the share k a^2
+ * of their stiffness. a0 is the acceleration without this loss. The equation
+ * a = a0 (1 - k a^2) has the solution a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
 static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
 {
   const tse_real inside = r_max(TSE_R(1) + r_mul(r_mul(TSE_R(4), k), r_mul(a0, a0)), TSE_R(0));
@@ -167,25 +167,27 @@ static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
   return r_mul(a, a);
 }
 
-/* Return the cornering stiffness of an axle with lateral load transfer over that without.
- *   Given:  square  squared lateral acceleration */
+/* Return the ratio of the cornering stiffness of an axle with lateral load transfer to
+ * that without.
+ *   Given:  k       [s4/m2] loss of stiffness / squared lateral acceleration
+ *           square  [m2/s4] squared lateral acceleration */
 static inline tse_real compute_side_share(tse_real k, tse_real square)
 {
   return r_max(TSE_R(1) - r_mul(k, square), MIN_SHARE_LEFT);
 }
 
-/* Return the load of an axle, or its stiffness, with longitudinal load transfer
- * over that without.
+/* Return the ratio of the load or stiffness of an axle with longitudinal load transfer to
+ * that without.
  *   Given:  more  relative increase before the limit */
 static inline tse_real compute_load_share(tse_real more) { return r_max(TSE_R(1) + more, MIN_SHARE_LEFT); }
 
 /* ---- body and sensors */
 
-/* Return the aerodynamic drag over mass, drag vx |vx|. */
+/* Return aerodynamic drag / mass, which is drag vx |vx|. */
 static inline tse_real drag_of(tse_real drag, tse_real vx) { return r_mul(r_mul(drag, r_abs(vx)), vx); }
 
-/* Return the rolling resistance over mass. Below 0.5 m/s it is proportional to the speed.
- *   Given:  max  rolling resistance over mass at higher speeds [m/s2] */
+/* Return rolling resistance / mass. Below 0.5 m/s it is proportional to the speed.
+ *   Given:  max  [m/s2] rolling resistance / mass at higher speeds */
 static inline tse_real rolling_of(tse_real max, tse_real vx)
 {
   return r_mul(max, r_div(vx, r_max(r_abs(vx), TSE_R(0.5))));
@@ -199,8 +201,8 @@ static inline tse_real gravity_along(tse_real angle)
   return r_mul(GRAVITY, sine);
 }
 
-/* Return the part of accel_x by pitch: a component of gravity, minus the acceleration of
- * the IMU about the pitch axis.
+/* Return the part of accel_x that is due to pitch: a component of gravity, minus the
+ * acceleration of the IMU about the pitch axis.
  *   Given:  pitch[2]  longitudinal acceleration after the second-order lag of the pitch,
  *                     and its rate
  *           ax        longitudinal acceleration */

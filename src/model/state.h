@@ -18,7 +18,7 @@
 #include "tse/simulate.h"
 #endif
 
-#define TSE_DELAY_ROWS 12 /* samples in a delay line; if the delay exceeds 9 rows, not all rows are stored */
+#define TSE_DELAY_ROWS 12 /* max samples of a delay line; if the delay exceeds 9 rows, some are not stored */
 
 /* Ages of the samples of a delay line, newest first. */
 typedef struct tse_delay {
@@ -31,7 +31,7 @@ typedef struct tse_effect_memory {
   int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
   tse_real lag[4];        /* after relaxation: slip angles front, rear [rad], slips front, rear [1] */
-  tse_real mode[3][2];    /* body roll, pitch, roll steer: acceleration after a lag, and its rate */
+  tse_real mode[3][2];    /* of body roll, pitch, roll steer: acceleration after the lag, and its rate */
   tse_real time, heading; /* [s] since the start; [turns] change of heading since the start */
   int32_t steered;        /* 0: there has been no steering angle */
   tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
@@ -50,22 +50,22 @@ typedef struct tse_effect_memory {
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-/* State of the particles, as arrays [row][particle]. gamma, nu and the covariance of the
- * biases are the same for all particles and are members of tse_filter_paper. The
- * resampler copies all rows as one contiguous block. */
+/* State of the particles, as arrays [component][particle]. gamma and nu of (16) and (17),
+ * and the covariance of the biases, are the same for all particles. They are members of
+ * tse_filter_paper. The resampler copies all members as one array. */
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
-  tse_real mu[3][TSE_STRIDE];   /* [1] mean of the relative stiffness deviation */
+  tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
   tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33 */
-  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the sensor biases, in sds of the sensor */
-  tse_real w[3][TSE_STRIDE];    /* [1] relative stiffness deviation that is drawn for the next interval */
+  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the bias of each sensor, in sds of the sensor */
+  tse_real w[3][TSE_STRIDE];    /* [1] stiffness/nominal - 1 that is drawn for the next interval */
   tse_real logw[1][TSE_STRIDE]; /* [log2] log weight, relative to the largest one */
 } tse_particles;
 
 #define TSE_SENSORS 5 /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
 /* Sizes of the default filter.
  *   TSE_STATES         states (src/model/car.h)
- *   TSE_SLOW           last of the states: gravity and random walks
+ *   TSE_SLOW           slow states, which are the last ones: gravity and random walks
  *   TSE_SUBSTEPS       max substeps of a row
  *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters (Schmidt)
  *   TSE_CONSIDERED     consider parameters of this build
@@ -114,31 +114,32 @@ typedef struct tse_car {
   tse_real kx_front, kx_rear;                  /* [m/s2] nominal longitudinal stiffness */
   tse_real ky_front, ky_rear;                  /* [m/s2/rad] nominal cornering stiffness */
   tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
-  tse_real end_front, end_rear;                /* [m/s2] max force of each axle over friction */
-  /* share of the cornering stiffness that the axle loses: along [s2/m] per longitudinal
-   * acceleration, side [s4/m2] per squared lateral acceleration */
+  tse_real end_front, end_rear;                /* [m/s2] max force of each axle / friction coefficient */
+  /* relative change of the cornering stiffness of an axle
+   *   along  [s2/m] loss in front and gain in the rear / longitudinal acceleration
+   *   side   [s4/m2] loss / squared lateral acceleration */
   tse_real along_front, along_rear, side_front, side_rear;
-  tse_real height_front, height_rear; /* [s2/m] relative load per longitudinal acceleration */
+  tse_real height_front, height_rear; /* [s2/m] relative change of load / longitudinal acceleration */
   tse_real lf, lr;                    /* [m] distances of the axles from the centre of gravity */
   tse_real jf, jr, m_inertia;         /* [1/m] m lf/I, m lr/I; [1/m2] m/I */
   tse_real trail;                     /* [1/m] m/I times the trail of the lateral forces */
-  tse_real drag, rolling;             /* [1/m] drag per squared speed; [m/s2] rolling resistance */
+  tse_real drag, rolling;             /* [1/m] drag / squared speed; [m/s2] rolling resistance */
   tse_real pull_front, pull_rear;     /* [m/s2] lateral force of each axle at zero slip angle */
   tse_real relaxation;                /* [m] relaxation length of the slip angles */
-  tse_real compliance;                /* [rad s2/m] steering angle lost per lateral force of the front axle */
-  tse_real roll_steer;                /* [1] rear steering angle per roll angle */
-  tse_real roll_coupling;             /* [m] setting body_roll_coupling */
-  tse_real roll_gain, roll_omega;     /* [rad s2/m] roll angle per acceleration; [rad/s] natural frequency */
-  tse_real roll_damping;              /* [1] damping ratio of the roll */
-  tse_real roll_leak, roll_height;    /* [m/s2] gravity that accel_y measures per roll angle; [m] setting */
-  tse_real pitch_leak;                /* [1] gravity times setting pitch_leak_gain */
-  tse_real pitch_height;              /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
-  tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
-  tse_real pitch_damping;             /* [1] damping ratio of the pitch */
-  tse_real lever_x, lever_y;          /* [m] position of the IMU */
-  tse_real mount_cos, mount_sin;      /* [1] of the mounting angle of the IMU */
+  tse_real compliance;             /* [rad s2/m] loss of steering angle / lateral force of the front axle */
+  tse_real roll_steer;             /* [1] rear steering angle / roll angle */
+  tse_real roll_coupling;          /* [m] setting body_roll_coupling */
+  tse_real roll_gain, roll_omega;  /* [rad s2/m] roll angle / acceleration; [rad/s] natural frequency */
+  tse_real roll_damping;           /* [1] damping ratio of the roll */
+  tse_real roll_leak, roll_height; /* [m/s2] gravity in accel_y / roll angle; [m] setting body_roll_height */
+  tse_real pitch_leak;             /* [1] gravitational acceleration times setting pitch_leak_gain */
+  tse_real pitch_height;           /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
+  tse_real pitch_frequency;        /* [Hz] natural frequency of the pitch */
+  tse_real pitch_damping;          /* [1] damping ratio of the pitch */
+  tse_real lever_x, lever_y;       /* [m] position of the IMU */
+  tse_real mount_cos, mount_sin;   /* [1] cosine and sine of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scales of accel_x, accel_y, yaw_rate */
-  tse_real free_front, free_rear;     /* [1] slip of each axle if it rolls freely, opposite sign */
+  tse_real free_front, free_rear;     /* [1] minus the slip of each axle when it rolls freely */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 
@@ -153,7 +154,7 @@ struct tse_params {
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
-  tse_real follow; /* [1] deviation of the rear longitudinal stiffness over that of the front one */
+  tse_real follow;                    /* [1] setting rear_longitudinal_follows_front */
   tse_real radius_front, radius_rear; /* [m] */
   /* sensors */
   tse_real sd[3], inv_sd[3]; /* sd of accel_x, accel_y [m/s2], yaw rate [rad/s], and 1/sd */
@@ -163,10 +164,10 @@ struct tse_params {
   tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
-  tse_real damping;                            /* [m/s2] 4 times the fastest damping rate times speed */
-  tse_real least_step;                         /* [s] min integration step, that at hold_speed */
+  tse_real damping;                            /* [m/s2] 4 times speed times the fastest damping rate */
+  tse_real least_step;                         /* [s] min integration step (vehicle_steps()) */
   tse_real noise_max_var;                      /* [1] square of noise_max */
-  tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, for a nominal sample */
+  tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, per sample_time */
   tse_real log2_forgetting_mean;               /* log2(lambda) of gamma */
   tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, and its min */
   tse_real memory;                             /* [samples] memory of Lambda, 1/(1 - lambda) */
@@ -176,38 +177,41 @@ struct tse_params {
   tse_real mean_var0;      /* [1] initial variance of the mean */
   tse_real spread_max_var; /* [1] square of spread_max */
   tse_real kernel;         /* [log2] sd of the factor of Lambda at resampling */
-  tse_real latency;        /* [s] age of a row when it is processed */
-  tse_real latency_span;   /* [s] age of its earliest channel, minus that age; 0: no row waits */
-  tse_real latency_least;  /* [s] min time between rows that are stored */
-  tse_real latency_age[6]; /* [s] age of the value of each channel at that time */
-  tse_real learnt_floor;   /* [1] min variance of a mean stiffness from an earlier drive */
+  tse_real latency;        /* [s] a processed row is this much older than the newest row */
+  tse_real latency_span;   /* [s] its earliest channel is read this much further back; 0: no row waits */
+  tse_real latency_least;  /* [s] min time between stored rows */
+  tse_real latency_age[6]; /* [s] each channel is read this long before the newest row */
+  tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
   tse_real learnt_walk;    /* [1/day] growth of this variance */
-  tse_real w_min, w_low, w_max, valid_var;          /* draws are reflected at w_low */
+  /* limits of w = stiffness/nominal - 1: initial values are limited to w_min .. w_max. A
+   * drawn w is reflected at w_low, and limited to w_max */
+  tse_real w_min, w_low, w_max;
+  tse_real valid_var;                               /* [1] square of setting valid_sd */
   tse_car car;                                      /* form 1 uses stiffness and geometry only */
   tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* form 0: prior of the state */
   tse_real sensor_sd[TSE_SENSORS];                  /* [m/s2] [m/s2] [rad/s] [m/s] [m/s] sd of each sensor */
-  tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sds of the consider parameters */
-  tse_real model_sd;                                /* [1] model discrepancy */
+  tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sd of each consider parameter */
+  tse_real model_sd;                                /* [1] setting model_sd */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] time constants of both steering lags */
   tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] sd of each velocity */
   tse_real velocity_late;               /* [s] latency of velocities relative to the processed row */
-  tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
-  tse_real no_torque;                               /* [Nm] an axle with a smaller torque rolls freely */
-  tse_real road_sd;                                 /* [m/s2] sd of gravity along a road that is given */
+  tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the extra states */
+  tse_real no_torque;                               /* [Nm] an axle with a smaller |torque| rolls freely */
+  tse_real road_sd;                                 /* [m/s2] sd of gravity along a given road */
   tse_effects effects;                              /* with mask 0 the model is the plain one */
 };
 
 /* Initial estimate from tse_learnt_load(). If loaded is 0, the settings are used. */
 typedef struct tse_start {
   int32_t loaded;
-  tse_real mu[3], mu_sd[3]; /* [1] mean of the stiffness deviation; its scatter over the particles */
-  tse_real mean_var[3];     /* [1] total variance of that mean */
+  tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); sd of this mean among the particles */
+  tse_real mean_var[3];     /* [1] total variance of this mean */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3];         /* [sigma] */
   tse_real kept[TSE_KEPT];               /* form 0: saved states, SI units */
   tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: their covariance, in units of the state */
-  tse_real noise[TSE_SENSORS];           /* [1] noise variance over that of the setting */
+  tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
 } tse_start;
 
 /* History of a stiffness. */
@@ -222,17 +226,17 @@ enum {
 /* Covariance U D U', in units of the state. U is unit upper triangular, D diagonal. */
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2]; /* elements of U above its diagonal */
-  tse_short w[TSE_EXTRAS][TSE_ALL];      /* rows of U for the extra states, on which no other depends */
-  int32_t extras;                        /* number of extra states in use: 0 or TSE_EXTRAS */
-  tse_real d[TSE_STATES], e[TSE_EXTRAS]; /* D of the states, D of the extra states */
+  tse_short w[TSE_EXTRAS][TSE_ALL];               /* rows of U of the extra states */
+  int32_t extras;                                 /* number of extra states in use: 0 or TSE_EXTRAS */
+  tse_real d[TSE_STATES], e[TSE_EXTRAS];          /* D of the states, D of the extra states */
 } tse_ud;
 
 /* State of the measured velocities, in the order of src/tables/sensors.toml. */
 typedef struct tse_velocity {
-  tse_real noise[TSE_VELOCITIES];        /* [1] estimated noise variance over that of the setting */
-  tse_real innovation[TSE_VELOCITIES];   /* [m/s, rad] innovation of the last value */
-  tse_real last[TSE_VELOCITIES];         /* [m/s, rad] last value */
-  tse_real since[TSE_VELOCITIES];        /* [s] age of the last value */
+  tse_real noise[TSE_VELOCITIES];        /* [1] estimated noise variance / variance in the settings */
+  tse_real innovation[TSE_VELOCITIES];   /* [m/s, rad] innovation of the last measured value */
+  tse_real last[TSE_VELOCITIES];         /* [m/s, rad] last measured value */
+  tse_real since[TSE_VELOCITIES];        /* [s] age of the last measured value */
   tse_real mean_nis[TSE_VELOCITIES];     /* [1] mean of recent normalised squared innovations */
   tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the channel has been ignored */
   tse_real past[TSE_PAST][4]; /* past minus current vel_x, vel_y, yaw rate, heading; newest first */
@@ -246,28 +250,28 @@ typedef struct tse_velocity {
   int32_t has_gyro;           /* 1: gyro was measured; 0: it is the yaw rate of the state */
 } tse_velocity;
 
-/* A hypothetical event. If it has happened, the error of the state is its
- * amplitude times v. */
+/* A hypothetical event. If it has happened, the error of the state is v times the
+ * amplitude of the event. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
-  tse_real info;  /* [1] information (1/variance) on the amplitude from the samples since it was opened */
-  tse_real score; /* [1] info times the estimate of the amplitude */
-  tse_real both;  /* [1] cross information with the second amplitude of the event */
-  tse_real age;   /* [s] time since it was opened */
-  int32_t kind;   /* EVENT_... of src/filter/filter.h; 0: free slot */
+  tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
+  tse_real score;       /* [1] info times the estimate of the amplitude */
+  tse_real both;        /* [1] cross information with the second amplitude of the event */
+  tse_real age;         /* [s] time since the hypothesis was opened */
+  int32_t kind;         /* EVENT_... of src/filter/filter.h; 0: free slot */
 } tse_event;
 
 /* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
 typedef struct tse_pair {
   tse_real time;                  /* [s] effective duration of the samples, with forgetting */
-  tse_real mean[2], var[2], both; /* means and variances of both, and their covariance */
+  tse_real mean[2], var[2], both; /* mean and variance of each quantity; covariance of the two */
 } tse_pair;
 
 /* Regression for the delay of a second channel behind a first one, with the memory
  * SCALE_TIME (src/filter/plausible.c). */
 typedef struct tse_timing {
   tse_real square; /* [m2/s5] time integral of the squared rate of the first channel */
-  tse_real late;   /* [m2/s4] that integral times the delay of the second channel */
+  tse_real late;   /* [m2/s4] `square` times the delay of the second channel */
 } tse_timing;
 
 /* State of the plausibility check of the channels (src/filter/plausible.c). */
@@ -282,14 +286,14 @@ typedef struct tse_agreement {
   tse_timing across, steered; /* delay of accel_y behind v r; delay of yaw_rate behind steering */
   tse_real lags;              /* [m2/s4] as `late`, for the delay of accel_y that side slip causes */
   tse_real complete_for;      /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
-  int32_t apart;              /* bit of each pair, then of LATE_ACCEL ...: 1 if the two quantities disagree */
+  int32_t apart;              /* bit i is 1 if the quantities of pair i disagree; next bits: LATE_ACCEL .. */
   int32_t off_scale;          /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of the logarithm of the slip stiffness, without the model error of the
- * longitudinal direction that the state LCX includes. */
+/* Prior of the logarithm of the slip stiffness at the last start or event, without the
+ * model error of the longitudinal direction that the state LCX includes. */
 typedef struct tse_along {
-  tse_real mean, var; /* LCX has had the same mean */
+  tse_real mean, var; /* the mean is the value of LCX at that time */
 } tse_along;
 
 /* Default filter: Kalman filter of the car (form 0). */
@@ -297,32 +301,34 @@ typedef struct tse_kalman {
   tse_real x[TSE_VALUES + TSE_EXTRAS]; /* state, SI units */
   tse_ud ud;                           /* its covariance, in units of the state */
   tse_short consider[TSE_CONSIDERED]
-                    [TSE_ALL];   /* error of x per sd of each parameter, in units of the state */
-  tse_real noise[TSE_SENSORS];   /* [1] estimated noise variance over that of the setting */
+                    [TSE_ALL];   /* error of x if a parameter is wrong by its sd, in units of the state */
+  tse_real noise[TSE_SENSORS];   /* [1] estimated noise variance / variance in the settings */
   tse_real activity[3];          /* [m2/s4] [m2/s4] [rad2/s2] recent mean square of a_x, a_y, yaw rate */
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
   tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
   tse_real road[2];              /* [m/s2] longitudinal and lateral gravity by the given road; 0: not given */
-  tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
-  tse_real moved[3]; /* variance by recent steps of each stiffness, in squared units of the state */
-  tse_real seen;     /* [s] total time of the rows that were followed since the start */
+  tse_real since_slow[TSE_SLOW]; /* [s] time since the last process noise of each slow state */
+  /* variance of the linearisation error due to recent steps of each stiffness, in squared
+   * units of the state */
+  tse_real moved[3];
+  tse_real seen; /* [s] total time of the processed rows since the start */
   tse_real
       nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
   tse_real lasting[TSE_SENSORS];     /* slowly varying part of the innovations */
-  tse_real lasting_var[TSE_SENSORS]; /* variance of its estimate */
+  tse_real lasting_var[TSE_SENSORS]; /* variance of the estimate of `lasting` */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS];     /* slow innovation: innovation after a low pass */
   tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
-  tse_real usual[TSE_SENSORS];    /* [1] mean square of the slow innovation over slow_var */
+  tse_real usual[TSE_SENSORS];    /* [1] mean of (squared slow innovation / slow_var) */
   tse_real log_likelihood;
   tse_real change_age;                     /* [s] since the last change */
-  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before it */
-  tse_real change_from_var[4];             /* their variances, in squared units of the state */
+  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
+  tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
   tse_along along, along_from;             /* now, and before the last change */
   tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
-  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the one before */
-  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] the same share among readings that follow a repeated one */
+  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
+  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among readings that follow a repeated one */
   tse_real frozen[TSE_SENSORS + 1]; /* [1] -log2 of the probability that a working channel repeats so often */
   tse_real agrees_for;              /* [s] time for which the faulty channel has agreed with the prediction */
   int32_t change_kind;              /* TSE_CHANGE_* */
@@ -338,17 +344,17 @@ typedef struct tse_kalman {
 
 /* Evidence that the car drives backwards (src/filter/backwards.c). */
 typedef struct tse_way {
-  tse_real by_turn, by_gain;  /* [1] log odds of driving backwards: by the yaw rate, by the gain of speed */
+  tse_real by_turn, by_gain;  /* [1] log odds of driving backwards: from yaw rate, from gain of speed */
   tse_real begins, gained;    /* [m/s] speed when the car began to roll; integral of accel_x since then */
-  tse_real rolls_for, unread; /* [s] since then; since the last accel_x */
+  tse_real rolls_for, unread; /* [s] time since the car began to roll; time since the last accel_x */
 } tse_way;
 
 /* Ring of rows that wait for channels with a latency. */
 typedef struct tse_alignment {
   int32_t count, newest;               /* number of rows; index of the newest */
-  tse_real since;                      /* [s] from the row of the last step to the newest row */
-  tse_real unkept;                     /* [s] from the newest stored row to the newest row */
-  tse_real before[TSE_LATENCY_KEPT];   /* [s] time since the stored row before it; 0: first row */
+  tse_real since;                      /* [s] time from the row of the last step to the newest row */
+  tse_real unkept;                     /* [s] time from the newest stored row to the newest row */
+  tse_real before[TSE_LATENCY_KEPT];   /* [s] time from the previous stored row; 0: first row */
   tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 if missing */
   uint8_t missing[TSE_LATENCY_KEPT];   /* bits of tse_input.missing */
   tse_real lost[3];  /* [1] share of the noise variance of the IMU that interpolation removes */
@@ -361,16 +367,16 @@ struct tse_filter {
   uint32_t step;   /* number of rows processed since tse_reset(); counter of the random numbers */
   int32_t started; /* 0: the next row initialises the motion */
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
-  tse_real held_for;               /* [s] since the last steering angle, which is held meanwhile */
-  tse_real rolled_for;             /* [s] since the last wheel speed */
-  int32_t lost;       /* 1: one of both times was too long, and no row has had both signals since */
-  tse_real still_for; /* [s] since the wheels have stopped */
+  tse_real held_for;               /* [s] time since the last steering angle, which is held meanwhile */
+  tse_real rolled_for;             /* [s] time since the last wheel speed */
+  int32_t lost;       /* 1: held_for or rolled_for was too long, and no row has had both signals since */
+  tse_real still_for; /* [s] time since the wheels stopped */
   tse_real
       off_for[2]; /* [s] remaining time in which the wheel speed of an axle counts as a signal of its own */
-  tse_real ratio; /* [1] front over rear wheel speed in the last row in which both changed; 0: unknown */
+  tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;  /* [1] number of gaps in the last 20 s of processed rows */
   tse_way way;
-  tse_real seen; /* [samples] form 1: number of samples learnt from, at most five memories; form 0: k.seen */
+  tse_real seen;    /* [samples] form 1: number of samples used to learn, at most 5 memory; form 0: k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* form 0 */
@@ -389,7 +395,7 @@ struct tse_filter_paper {
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
   tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;
-  tse_real weight[TSE_STRIDE]; /* relative to the largest; 0 for particles that are not in use */
+  tse_real weight[TSE_STRIDE];                       /* weight / largest weight; 0 for unused particles */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* work space of the resampler */
 };
 
@@ -414,7 +420,7 @@ typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_byt
 typedef char tse_filter_paper_has_its_size
     [sizeof(tse_filter_paper) == sizeof(tse_filter_bytes) + sizeof(tse_paper_bytes) ? 1 : -1];
 #if !defined(TSE_NO_EFFECTS)
-/* tse_sim as tse/simulate.h declares it. */
+/* The public form of tse_sim, as tse/simulate.h declares it. */
 struct tse_sim_seen {
   tse_params_bytes params;
   tse_sim_input last;

@@ -43,14 +43,14 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
   return s;
 }
 
-/* Stiffness over mass, longitudinal x and cornering y. */
+/* Stiffness / mass: x [m/s2] longitudinal, y [m/s2/rad] cornering. */
 typedef struct stiffness {
   tse_real x_front, x_rear, y_front, y_rear;
 } stiffness;
 
-/* Return the stiffness at the relative deviations w from nominal, C = C_n (1 + w). The
- * deviation of the rear longitudinal stiffness is that of the front one times
- * `follow`. */
+/* Return the stiffness C = C_nominal (1 + w) for the relative deviations w0 longitudinal
+ * front, w1 cornering front, w2 cornering rear. The deviation of the rear longitudinal
+ * stiffness is `follow` times w0. */
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
   stiffness k;
@@ -85,9 +85,9 @@ typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
 
-/* Compute this matrix.
- *   Given:  yf, yr  cornering stiffness over mass and speed [1/s]
- *           gh      g h [s] */
+/* Compute the matrix of lateral_block.
+ *   Given:  yf, yr  [1/s] cornering stiffness of each axle / (mass times speed)
+ *           gh      [s] g h */
 static inline lateral_block vehicle_block(
     const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
 {
@@ -101,7 +101,7 @@ static inline lateral_block vehicle_block(
   return m;
 }
 
-/* Solve m (ky, kr) = (fy, fr). */
+/* Solve m (ky, kr) = (fy, fr) for ky and kr. */
 static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real fr, tse_real *ky, tse_real *kr)
 {
   *ky = r_mul(r_mul(m->m22, fy) - r_mul(m->m12, fr), m->inv_det);
@@ -152,7 +152,7 @@ static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs fro
   return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
 }
 
-/* Return the inputs after k of these steps, by linear interpolation between the rows. */
+/* Return the inputs after k of `steps` equal steps, by linear interpolation. */
 static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
 {
   if (k < steps) {
