@@ -4,9 +4,9 @@
 #include "tse/learnt.h"
 
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
-#define FRAME 12                          /* [bytes] parts that all formats have: magic, format, size, CRC */
+#define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
 #define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min of the setting initial_spread */
-#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max correlation: variances stay positive */
+#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] a larger one is limited: the covariance stays positive */
 #define DAY 86400u                        /* [s] */
 #define PLACES_KEPT 11                    /* means in a file: biases, stiffness, grip, steering, radius */
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
@@ -21,10 +21,10 @@ typedef struct content {
 } content;
 
 #if !defined(TSE_NO_PARTICLES)
-/* Indices of the diagonal of an upper triangle that is stored by rows: 11 12 13
- * 22 23 33. */
+/* Indices of the diagonal in an upper triangle that is stored by rows: 11 12 13 22 23
+ * 33. */
 static const int diagonal[3] = { 0, 3, 5 };
-/* Indices of its other elements, and the row and column of each. */
+/* Indices of the off-diagonal elements; pair has the row and column of each. */
 static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 #endif
@@ -37,8 +37,8 @@ enum {
 
 /* Return the place of state FAST + i among the means of a file. */
 #if defined(TSE_SMALL)
-/* This build has no bias of accel_x, no cx_front, and neither latency nor radius, which
- * are the last places. */
+/* This build lacks the bias of accel_x, cx_front, and the last two means: latency and
+ * radius. */
 static int get_place(int i) { return i + (FAST + i < LCF ? 1 : 2); }
 #else
 static int get_place(int i) { return i; }
@@ -121,8 +121,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 /* Return whether the magnitude of x is at most `limit`. */
 static int is_within(int32_t x, int32_t limit) { return x >= -limit && x <= limit; }
 
-/* Return the max magnitude of a mean in the file, which is that of the state of
- * the filter. */
+/* Return the max magnitude of a mean in the file, which equals the max magnitude of the
+ * corresponding state of the filter. */
 static int32_t get_max_code(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
@@ -158,7 +158,8 @@ static const char *find_wrong_value(const content *c)
   return NULL;
 }
 
-/* Return a status, and the name of the wrong part in *wrong if wrong is not NULL. */
+/* Return the given status. If wrong is not NULL, set *wrong to the name of the wrong
+ * part. */
 static tse_status refuse(tse_status status, const char *what, const char **wrong)
 {
   if (wrong) *wrong = what;
@@ -218,7 +219,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
     for (int q = 0; q < TSE_CONSIDERED; q++)
       var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
     const int place = get_place(i);
-    if (HAS_SLIP && place == K_STIFFNESS) { /* without the model error that LCX includes */
+    if (HAS_SLIP && place == K_STIFFNESS) { /* remove the model error that LCX includes */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
       mean = k->along.mean + r_mul(share, mean - k->along.mean);
@@ -372,11 +373,12 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 /* Set the prior of the particle filter to the aged state.
  *
  * In each particle the variance of a mean stiffness is gamma Sigma. gamma is the same for
- * all three, so where it is too small for a mean, the means scatter over the particles.
- * The spread is widened by the variance of the mean, and has the weight of
- * initial_spread, so that the particles can follow a changed road. In 8 drives that start
- * on a road with 60 % of the learnt stiffness, this reduces the rms errors after 10 .. 20
- * s from 5.2, 5.2, 10.9 % to 3.3, 4.0, 7.7 %. */
+ * all three stiffnesses. Where gamma Sigma is smaller than the variance of a mean, the
+ * means of the particles are drawn with the missing variance (mu_sd). The variance of the
+ * mean is also added to Sigma, and Sigma has the weight of initial_dof samples, so that
+ * the particles can follow a changed road. In 8 drives that start on a road with 60 % of
+ * the learnt stiffness, this reduces the rms errors of the three stiffnesses after
+ * 10 .. 20 s from 5.2, 5.2, 10.9 % to 3.3, 4.0, 7.7 %. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];
@@ -402,7 +404,7 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
     s->bias[a] = mean;
     s->bias_var[a] = bias_var;
   }
-  if (c->known == 0) return; /* no stiffness is known: keep the prior of the settings, bit for bit */
+  if (c->known == 0) return; /* no stiffness is known: keep the prior of the settings, in all bits */
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;

@@ -5,8 +5,8 @@
 #include "tables/input.h"
 #include "tse/replay.h"
 
-#define BIT_GIVEN 63           /* bit of the mask that belongs to no effect: the log has disturbances, which
-                                * need the model with effects */
+#define BIT_GIVEN 63           /* bit of the effects mask that belongs to no effect. It is set if the log has
+                                * disturbances, because they need the model with effects */
 
 #define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)

@@ -1,6 +1,6 @@
-/* host/self_test.c - tse_self_test(): check the rounding of this build. Compiler options
- * that the preprocessor can see are compile errors in number/real_ops.h. This test
- * detects the other ones, above all contraction to fused multiply-add. */
+/* host/self_test.c - tse_self_test(): check the rounding of this build. Harmful compiler
+ * options that the preprocessor can see are compile errors in number/real_ops.h. This
+ * test detects the others, above all contraction to fused multiply-add. */
 #include "tse/tse.h"
 #include "number/real_ops.h"
 
@@ -17,9 +17,9 @@ static const char *fault(void) { return NULL; }
 #define EPSILON TSE_R(2.220446049250313e-16)
 #endif
 
-/* Return the cause of wrong rounding and the option that cures it, or NULL. The
- * numbers are volatile, so that the compiler cannot simplify the tests, such as x - 1
- * == 0 to x == 1. */
+/* Return the cause of wrong rounding and the option that cures it, or NULL. The numbers
+ * are volatile, so that the compiler cannot simplify the tests, for example `x - 1 == 0`
+ * to `x == 1`. */
 static const char *fault(void)
 {
   volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON,

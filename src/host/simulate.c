@@ -31,13 +31,13 @@ enum {
 
 #define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque (`still` of
                                * `wheels` in model/effects.h) */
-/* Limits of the motion: a step beyond them is refused, before numbers overflow. Torques
- * within their range do not accelerate a real car that far within a minute. */
+/* Limits of the motion. A step that exceeds them is refused, before numbers overflow.
+ * Torques within their range need more than a minute to accelerate a real car to them. */
 #define LOST_SPEED TSE_R(1000)     /* [m/s] */
 #define LOST_YAW_RATE TSE_R(200)   /* [rad/s] */
 #define LOST_WHEEL TSE_R(1e7)      /* [rad/s] wheel speed; on ice the max torque accelerates the lightest
                                     * wheels by 2e6 rad/s in a second */
-#define JUMP TSE_R(1e-6) /* [s] duration of a jump of the steering angle that was set after the last row */
+#define JUMP TSE_R(1e-6) /* [s] time in which a steering angle that is set after the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -162,8 +162,8 @@ static void draw_two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, 
   random_normal2(u, v, a, b);
 }
 
-/* Draw the stiffness of the next interval. It is mean times (1 + spread n), n from N(0,
- * 1), and at least a tenth of the mean. */
+/* Draw the relative stiffness of the next interval: mean (1 + spread n) with n from
+ * N(0, 1), at least a tenth of the mean. */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
@@ -180,8 +180,8 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
-/* Return the drawn stiffness over mass. The relative rear longitudinal stiffness is
- * road_level plus `follow` times the deviation of the front one from road_level. */
+/* Return drawn stiffness / mass. The relative rear longitudinal stiffness is road_level
+ * plus `follow` times the deviation of the front one from road_level. */
 static stiffness get_stiffness(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
@@ -202,7 +202,7 @@ static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
-/* Apply a steering angle of `last` that was set after the last row. */
+/* If the steering angle in `last` was changed after the last row, apply it at once. */
 static void jump(tse_sim *sim)
 {
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
@@ -210,7 +210,7 @@ static void jump(tse_sim *sim)
   sim->steer_logged = sim->last.steer_angle;
 }
 
-/* Add a step of dt seconds of their random walk to the biases. */
+/* Add the random walk of dt seconds to the biases. */
 static void walk_biases(tse_sim *sim, tse_real dt)
 {
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(dt));
@@ -221,14 +221,14 @@ static void walk_biases(tse_sim *sim, tse_real dt)
 }
 
 /* Integrate to the next row. Inputs are linear between rows, or held if hold_inputs is 1.
- * An estimator interpolates the logged wheel speeds, so that held torques lead them by
- * half a row. An estimator without a model of this delay estimates a longitudinal
- * stiffness that is 2 % too small. */
+ * An estimator assumes that wheel speeds are linear between rows. Relative to this, held
+ * torques act half a row too early, and an estimator without a model of this delay
+ * estimates a longitudinal stiffness that is 2 % too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
   const stiffness k = get_stiffness(sim, sim->last.road_level);
-  /* with an allowance for rounding, so that 0.01/0.001 is 10 */
+  /* round up, with a tolerance so that 0.01/0.001 gives 10 */
   const int32_t steps = -r_floor_to_int(-r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4));
   const tse_sim_input end = sim->config.hold_inputs ? sim->last : *u;
   acting to;
@@ -254,8 +254,8 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 }
 
 /* Compute the readings of the sensors without noise and bias. At the first row the
- * effects are in steady state: slips have built up, and the wheels have reached
- * the steering angle.
+ * effects start in steady state: slips have built up, and the wheels have reached the
+ * steering angle.
  *   Returned:  *pt  point of the model at this row */
 static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
 {
@@ -312,8 +312,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Return whether the motion is within its limits, so that tse_sim_check() accepts it.
- * NaN is not. */
+/* Return whether the motion is within its limits, so that tse_sim_check() accepts it. A
+ * motion with NaN is not. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
   int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED)
@@ -328,8 +328,8 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
       && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
-/* Return the mask of the effects of this row: those of the settings, and grade and bank
- * if u or the last row has a road angle. */
+/* Return the mask of the effects in this row: the effects of the settings, and also grade
+ * and bank if u or the last row has a road angle other than 0. */
 static uint64_t find_row_effects(const tse_sim *sim, const tse_sim_input *u)
 {
   const uint64_t road = (uint64_t)1 << TSE_EFFECT_grade | (uint64_t)1 << TSE_EFFECT_bank;

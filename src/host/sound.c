@@ -25,8 +25,8 @@ static int is_start_sound(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Return whether the waiting rows are sound: at most max_gap + latency_least apart, all
- * values in range. */
+/* Return whether the waiting rows are sound: consecutive rows are at most max_gap +
+ * latency_least apart, and all values are in range. */
 static int are_waiting_rows_sound(const tse_params *p, const tse_alignment *m)
 {
   const tse_real max_apart = p->max_gap + p->latency_least;
@@ -104,7 +104,7 @@ static int is_along_sound(const tse_along *a)
 }
 
 /* Return whether the default filter is sound.
- *   Given:  started  1: it has had a row */
+ *   Given:  started  1: the filter has processed a row */
 static int is_kalman_sound(const tse_kalman *k, int started)
 {
   const tse_real *const not_negative[] = { &k->seen, &k->change_age, &k->agrees_for };
@@ -167,7 +167,7 @@ static int is_shared_state_sound(const tse_filter_paper *f)
   return fine && sound_reals(f->slow, 3, -MOST_REAL, MOST_REAL);
 }
 
-#define ROUNDED TSE_R(0.00001) /* [1] allowance for rounding: a mean of numbers up to 20 that have 24 bits may
+#define ROUNDED TSE_R(0.00001) /* [1] tolerance for rounding: a mean of numbers up to 20 that have 24 bits may
                                 * exceed the largest of them by 2e-6 */
 
 /* Return whether the particles are sound. */

@@ -10,11 +10,10 @@
 /* Max magnitudes of the numbers of a sound state: small enough that no computation
  * with them overflows.
  *   MOST_REAL      numbers
- *   MOST_SQUARE    covariances, effects, and predictions in sds of the sensors, which are
- *                  as small as 1e-5
- *   MOST_VARIANCE  variances, in squared units of the state. A motion that is lost
- *                  does not exceed it, and its product with the square of MOST_REAL
- *                  fits a float */
+ *   MOST_SQUARE    covariances, effects, and numbers that are divided by the sd of a
+ *                  sensor, which may be as small as 1e-5
+ *   MOST_VARIANCE  variances, in squared units of the state. The variances of an unknown
+ *                  motion are smaller. MOST_VARIANCE MOST_REAL^2 fits a float */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
