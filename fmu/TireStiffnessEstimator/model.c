@@ -1,8 +1,9 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
  * A step from t to t + h takes the inputs as the sample at time t, like a row of a log.
- * The outputs at t + h are the estimates after this sample. Its member dt is the time
- * since the previous sample. Outputs for a log are those of tse_step(), bit by bit. */
+ * The outputs at t + h are the estimates after this sample. The dt of a sample is the
+ * time since the previous sample. For a log, all bits of the outputs equal those of
+ * tse_step(). */
 #include <stdio.h>
 #include <string.h>
 
@@ -51,11 +52,11 @@ const fmu_variable fmu_variables[] = {
     "0: none, and no input velocity.* is used")
   VELOCITIES(VELOCITY)
   BITS("pedals.given", pedals_given, TSE_PEDALS,
-    "known inputs of the pedals: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear; "
+    "known brake switch and wheel torques: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear; "
     "0: none, and no input pedals.* is used")
   PEDALS(PEDAL)
   BITS("road.given", road_given, ROADS_GIVEN,
-    "known inputs of the road: sum of 1 bank, 2 grade; 0: none, and no input road.* is used")
+    "known angles of the road: sum of 1 bank, 2 grade; 0: none, and no input road.* is used")
   ROADS(ROAD)
 
   { "vehicle.exact", 'b', 'p', (int32_t)offsetof(model, exact), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
@@ -65,11 +66,11 @@ const fmu_variable fmu_variables[] = {
 
   OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
   OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
-         "nominal longitudinal stiffness, front axle: estimate.cx_front over estimate.relative.cx_front")
+         "nominal longitudinal stiffness, front axle: estimate.cx_front / estimate.relative.cx_front")
   OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad",
-         "nominal cornering stiffness, front axle: estimate.cy_front over estimate.relative.cy_front")
+         "nominal cornering stiffness, front axle: estimate.cy_front / estimate.relative.cy_front")
   OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad",
-         "nominal cornering stiffness, rear axle: estimate.cy_rear over estimate.relative.cy_rear")
+         "nominal cornering stiffness, rear axle: estimate.cy_rear / estimate.relative.cy_rear")
   OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
   OUTPUTS(NO_COLUMN, NO_COLUMN, NO_COLUMN, SHARE, NO_COLUMN)
 };
@@ -90,11 +91,11 @@ const fmu_array fmu_arrays[] = {
   ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason",
       "0: the stiffness is valid; else why it may not be used, coded as estimate.cx_front_reason" ORDER),
   ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1",
-      "stiffness now over the stiffness before the last change" ORDER),
+      "ratio of the stiffness now to the stiffness before the last change" ORDER),
   ARRAY("estimate.probability", 'r', y.regime, "1",
       "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
   ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1",
-      "stiffness in effect, relative to nominal" ORDER),
+      "secant stiffness at the slip and load of the sample, relative to nominal" ORDER),
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
@@ -175,9 +176,10 @@ void model_note_set(model *m, const fmu_variable *v, double value)
 }
 
 /* Compute the settings with which the filter runs. If m->exact is 0, they are the
- * parameters. Otherwise they are those of tse_config_exact(), replaced by the parameters
- * that the importer has set. Some importers first set every parameter to its start value.
- * If every parameter is set, one with its start value therefore counts as not set. */
+ * parameters. If it is 1, a parameter that the importer has set keeps its value, and any
+ * other gets the value of tse_config_exact(). Some importers first set every parameter to
+ * its start value. Therefore, if every parameter has been set, one that was set to its
+ * start value counts as not set. */
 static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;
@@ -211,8 +213,8 @@ static void derive_outputs(model *m)
   m->grip_valid = m->y.grip_reason == TSE_VALID;
 }
 
-/* Set the outputs to the prior estimates, which are valid before the first row. They are
- * the outputs after a row without measurements; the filter is then reset. */
+/* Set the outputs to the prior estimates, for the time before the first row. They are
+ * computed as the outputs after a row without measurements. Then the filter is reset. */
 static void report_prior(model *m)
 {
   static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };

@@ -6,7 +6,7 @@
 
 enum { SETTINGS = sizeof(tse_config) / sizeof(int32_t) }; /* max number of settings */
 
-/* Whether the importer has set a parameter: no, to its start value, to another value. */
+/* Whether the importer has set a parameter, and whether to its start value. */
 enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 
 /* Arrays of three are in the order of TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. */
@@ -23,7 +23,7 @@ typedef struct model {
   tse_setting mean[3];    /* [N, N/rad, N/rad] mean stiffness */
   tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
   tse_setting spread[3];  /* [N, N/rad, N/rad] sample-to-sample sd of the stiffness */
-  tse_setting secant[3];  /* [N, N/rad, N/rad] stiffness in effect (secant of the tyre force) */
+  tse_setting secant[3];  /* [N, N/rad, N/rad] secant stiffness: force / slip, force / slip angle */
   int32_t valid[3];       /* 1: the stiffness is valid */
   int32_t all_valid;      /* 1: all three stiffnesses are valid */
   int32_t grip_valid;     /* 1: the grip is valid */

@@ -12,7 +12,7 @@
 #define PHASE 40 /* [bytes] max size of the text of a phase */
 
 /* Return the phase of an instance in words, for the message that a call is not allowed.
- * `text` is memory for them. */
+ * `text` is a buffer for these words. */
 static const char *describe_phase(const instance *s, char text[PHASE])
 {
   switch (s->c.phase) {
