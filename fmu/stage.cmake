@@ -1,7 +1,7 @@
 # fmu/stage.cmake - write all files of an FMU, except its binaries. fmu/CMakeLists.txt
 # calls it with lists whose elements are separated by |. The GUID is a hash of
-# modelDescription.xml, and so of the variables, their ranges and start values, and the
-# version.
+# modelDescription.xml, which contains the variables, their ranges and start values, and
+# the version.
 foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()

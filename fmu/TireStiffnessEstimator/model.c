@@ -86,7 +86,7 @@ const fmu_array fmu_arrays[] = {
   ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1",
       "sd of the mean stiffness, relative to nominal" ORDER),
   ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1",
-      "sample-to-sample sd of the stiffness, relative to nominal" ORDER),
+      "spread of the stiffness, as estimate.cx_front_spread, relative to nominal" ORDER),
   ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER),
   ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason",
       "0: the stiffness is valid; else why it may not be used, coded as estimate.cx_front_reason" ORDER),
@@ -298,9 +298,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the most severe code of the row, which may be a different one than
-   * TSE_W_MISSING_CHANNEL. The warning names the channel instead. It is then the same
-   * text in every step while the channel is missing, and is logged once. */
+  /* `status` is the largest of several warning codes. If a channel is missing, the text
+   * names the channel, unless there is a code from TSE_W_GAP on. The text is then the same
+   * in every step while the channel is missing, and is logged once. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

@@ -22,7 +22,7 @@ typedef struct model {
   tse_output y;           /* outputs of the last row */
   tse_setting mean[3];    /* [N, N/rad, N/rad] mean stiffness */
   tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
-  tse_setting spread[3];  /* [N, N/rad, N/rad] sample-to-sample sd of the stiffness */
+  tse_setting spread[3];  /* [N, N/rad, N/rad] tse_output.stiffness_spread */
   tse_setting secant[3];  /* [N, N/rad, N/rad] secant stiffness: force / slip, force / slip angle */
   int32_t valid[3];       /* 1: the stiffness is valid */
   int32_t all_valid;      /* 1: all three stiffnesses are valid */

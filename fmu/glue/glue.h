@@ -97,8 +97,8 @@ void glue_log(const instance *s, glue_status status, int category, const char *t
 /* Log the error "function: text".   Returned: GLUE_ERROR */
 glue_status glue_refuse(const instance *s, const char *function, const char *text);
 
-/* Switch the named log categories on or off. If count is 0, switch all categories on, or
- * switch the category logEvents off. */
+/* Switch the named log categories on or off. If count is 0, on = 1 switches all
+ * categories on, and on = 0 switches only logEvents off. */
 glue_status glue_set_logging(
     instance *s, const char *function, int on, size_t count, const char *const names[]);
 
@@ -151,7 +151,8 @@ glue_status glue_exit_initialization(instance *s, const char *function);
 glue_status glue_terminate(instance *s, const char *function);
 glue_status glue_reset(instance *s);
 
-/* Return the time [s] at the end of the last step, before the first step the start. */
+/* Return the time [s] at the end of the last step, or before the first step the start
+ * time. */
 double glue_get_time(const instance *s);
 
 /* Define a function of FMI: find the instance `s` of the pointer `c`, then evaluate
@@ -175,7 +176,7 @@ int glue_update_outputs(instance *s, const char *function);
 /* Check that this variable may be set to this value in the current phase. */
 int glue_check_value(const instance *s, const fmu_variable *v, double value, const char *function);
 
-/* Return element `element` of a variable; 0 for a scalar. */
+/* Return the value of an element of a variable. A scalar has only element 0. */
 double glue_get(instance *s, const fmu_variable *v, int32_t element);
 
 /* Set a scalar variable. No array can be set, because all arrays are outputs. Call
@@ -185,7 +186,8 @@ void glue_set(instance *s, const fmu_variable *v, double value);
 /* Set the time derivative of an input. */
 void glue_set_rate(instance *s, const fmu_variable *v, double rate);
 
-/* Note before the first step that a value was set after the outputs were computed. */
+/* Mark the outputs as out of date, because a value was set. After initialization this has
+ * no effect: the next step computes the outputs. */
 void glue_mark_stale(instance *s);
 
 /* Define the functions of FMI that get and set the values of variables of one type.

@@ -57,19 +57,20 @@ typedef struct tse_config {
   tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; ratio of the relative deviation of the
                                                  * rear longitudinal stiffness from nominal to the relative
                                                  * deviation of the front one; paper's filter */
-  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; yaw_inertia
-                                                 * deviates in proportion to the mass */
+  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; if the mass
+                                                 * differs from its setting, yaw_inertia differs in
+                                                 * proportion */
   tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia for a
                                                  * given mass */
-  tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the position of the centre of
-                                                 * gravity between the axles */
+  tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the longitudinal position of the
+                                                 * centre of gravity */
   tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; relative sd of the scale of
                                                  * steer_angle: steering ratio and compliance */
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
-  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale of accel_y;
-                                                 * the gravity that accel_y measures when the body rolls
-                                                 * contributes to it */
+  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale of accel_y,
+                                                 * which includes the gravity that accel_y measures when
+                                                 * the body rolls */
   tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
                                                  * relative to the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
@@ -149,14 +150,14 @@ typedef struct tse_config {
                                                  * those of the INS, positive left */
   tse_setting velocity_heading_sd;              /* [rad] 0.02, 0 .. 0.5; sd of velocity_heading */
   tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; relative sd of the ratio of a
-                                                 * measured speed to the wheel speeds, which depends on the
-                                                 * wheel radii */
+                                                 * measured speed to the speed computed from the wheels;
+                                                 * wrong wheel radii change this ratio */
   tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with a smaller |torque|
                                                  * counts as rolling freely; twice the sd of offset and
                                                  * noise of the torque signal */
   tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a given bank
-                                                 * or grade: difference between estimates from different
-                                                 * laps of one road */
+                                                 * or grade: estimates from different laps of one road
+                                                 * differ by about this */
   tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass / setting - 1 */
   tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia / setting - 1 */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
@@ -354,8 +355,8 @@ typedef struct tse_config {
                                                  * the road may be different */
   tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; random walk of a mean
                                                  * stiffness between drives: sd of its change in one day,
-                                                 * relative to nominal, by wear, pressure, temperature,
-                                                 * other tyres */
+                                                 * relative to nominal, caused by wear, pressure,
+                                                 * temperature, other tyres */
   tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; initial vel_x if
                                                  * initial_vel_x_from_wheels is 0; paper's filter */
   tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; sd of the initial vel_x; paper's

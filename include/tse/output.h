@@ -56,8 +56,8 @@ typedef struct tse_output {
   tse_real stiffness_secant[3];  /* [1] secant stiffness, relative to nominal: force / slip, or force /
                                   * slip angle, at the slip and load of this row. Its relative sd equals
                                   * that of stiffness */
-  tse_real stiffness_spread[3];  /* [1] default filter: model discrepancy, model_sd times the stiffness;
-                                  * paper's filter: process sd, sqrt(Sigma) */
+  tse_real stiffness_spread[3];  /* [1] default filter: model_sd times the stiffness; paper's filter:
+                                  * sample-to-sample sd of the stiffness, sqrt(Sigma) */
   tse_real bias[3];              /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate: measured minus
                                   * true value */
   tse_real bias_sd[3];           /* [m/s2 m/s2 rad/s] sd of bias */
@@ -96,8 +96,8 @@ typedef struct tse_output {
   int32_t fault_channel;         /* 0: no fault; otherwise the channel that is most probably at fault or
                                   * implausible: 1 + TSE_CHANNEL_..., or 1 + TSE_CHANNELS +
                                   * TSE_OPTIONAL_... */
-  int32_t spread_seen[3];        /* 1: stiffness_spread is learnt (paper's filter); 0: it is the value of
-                                  * the setting, or too small to be estimated with these sensors and this
+  int32_t spread_seen[3];        /* 1: stiffness_spread is learnt (paper's filter); 0: it follows from a
+                                  * setting, or is too small to be estimated with these sensors and this
                                   * excitation */
   // clang-format on: end of table
 } tse_output;

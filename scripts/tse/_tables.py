@@ -173,8 +173,8 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Standard deviation of cx_front [N]."""
     cx_front_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -187,8 +187,8 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Standard deviation of cy_front [N/rad]."""
     cy_front_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N/rad]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -201,8 +201,8 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Standard deviation of cy_rear [N/rad]."""
     cy_rear_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N/rad]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""

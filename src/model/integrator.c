@@ -128,11 +128,11 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* Compute h df/dt, the change of the time derivatives of the LAG states until the
- * inputs `to`. As in Rosenbrock methods for equations that depend on time, g times this
- * change is added to the first stage of ROS2 and subtracted from the second one.
- * Without it, a LAG state with a time constant much shorter than the step would
- * overshoot by 1/(2 g). */
+/* Compute h df/dt, the change of the time derivatives of the LAG states that is due to
+ * the change of the inputs from `at` to `to`. As in Rosenbrock methods for equations that
+ * depend on time, g times this change is added to the first stage of ROS2 and subtracted
+ * from the second one. Without it, a LAG state with a time constant much shorter than the
+ * step would overshoot by 1/(2 g). */
 static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);

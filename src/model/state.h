@@ -172,6 +172,7 @@ struct tse_params {
   tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, and its min */
   tse_real memory;                             /* [samples] memory of Lambda, 1/(1 - lambda) */
   tse_real resample_at;                        /* [particles] N_eff at which particles are resampled */
+  /* form 1: initial mu, lam, gamma, nu; initial variance of a stiffness */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;      /* [1] initial variance of the mean */
@@ -374,7 +375,7 @@ struct tse_filter {
   tse_real
       off_for[2]; /* [s] remaining time in which the wheel speed of an axle counts as a signal of its own */
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
-  tse_real gaps;  /* [1] number of gaps in the last 20 s of processed rows */
+  tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
   tse_real seen;    /* [samples] form 1: number of samples used to learn, at most 5 memory; form 0: k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */

@@ -6,13 +6,13 @@
  *   OUTPUTS       NUMBER(name, member, unit, text)
  *                 FLAG(name, member, text)
  *                 CODE(name, member, enumeration, text)
- *                 STIFFNESS(name, member, its output in N or N/rad in an FMU, unit, text)
- *                 REASON(name, member, its output valid in an FMU, subject)
+ *                 STIFFNESS(name, member, member of an FMU in N or N/rad, unit, text)
+ *                 REASON(name, member, member of an FMU that is 1 if valid, subject)
  *   STATUSES, REASON_CODES
  *                 ROW(name, word, text)
  *   REPLAY_START  ROW(name, default, unit, text)
- *   TRUTHS        NUMBER, STIFFNESS as above, with the group of the column of the
- *                 simulator as first argument
+ *   TRUTHS        NUMBER, STIFFNESS as above, with an additional first argument: group of
+ *                 the column of the simulator, true or drawn
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
@@ -80,28 +80,28 @@
   STIFFNESS(cx_front, stiffness[0], mean[0], "N", "mean longitudinal stiffness of the front axle") \
   STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "standard deviation of cx_front") \
   STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", \
-      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
-      "sqrt(Sigma)") \
+      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma)") \
   FLAG(cx_front_spread_seen, spread_seen[0], \
-      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
       "estimated with these sensors and this excitation") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
   STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "mean cornering stiffness of the front axle") \
   STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "standard deviation of cy_front") \
   STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", \
-      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
-      "sqrt(Sigma)") \
+      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma)") \
   FLAG(cy_front_spread_seen, spread_seen[1], \
-      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
       "estimated with these sensors and this excitation") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
   STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "mean cornering stiffness of the rear axle") \
   STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "standard deviation of cy_rear") \
   STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", \
-      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
-      "sqrt(Sigma)") \
+      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma)") \
   FLAG(cy_rear_spread_seen, spread_seen[2], \
-      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
       "estimated with these sensors and this excitation") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
   NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: measured minus true value") \

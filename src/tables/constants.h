@@ -16,23 +16,24 @@
 #define MIN_ACTIVITY TSE_R(0.5)          /* [m/s2] min excitation level: accelerations caused by road
                                           * unevenness, wind and play */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] min relative sd of a stiffness, because of model errors */
-#define USUAL_MODEL_SD TSE_R(0.08)       /* [1] relative sd of the model error of an ordinary car. It adds
-                                          * to the prior sd of a stiffness in the test for a change of road
-                                          * that raises the stiffness above nominal. In the longitudinal
-                                          * direction the error is constant (pitch, rolling radii, tyre
-                                          * curve: 10 % rms on four cars), and model_sd is used if it is
-                                          * larger. If model_sd equals this value, the initial variance of
-                                          * slow innovations is doubled */
+#define USUAL_MODEL_SD TSE_R(0.08)       /* [1] relative sd of the model error of an ordinary car. In the
+                                          * test for a change of road that raises the stiffness above
+                                          * nominal, its square is added to the prior variance of the
+                                          * stiffness. In the longitudinal direction the model error is
+                                          * constant (pitch, rolling radii, tyre curve: 10 % rms on four
+                                          * cars); its sd is this value or model_sd, whichever is larger.
+                                          * The initial mean square of slow innovations is 1 + (model_sd /
+                                          * USUAL_MODEL_SD)^2 */
 #define SLIP_SD TSE_R(0.02)              /* [1] sd of the slip of an axle that throttle and brake cause */
 #define SLIP_TIME TSE_R(2.0)             /* [s] correlation time of the slip that throttle and brake cause */
-#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd in 1 s of the random walks of states. For the
-                                          * motion it is in units of the state (car.h), for slow states in
-                                          * sds of their prior */
+#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd of the random walk of a state in 1 s: for states
+                                          * of the motion in units of the state (src/model/car.h), for slow
+                                          * states in sds of their prior */
 #define BANK_SD TSE_R(0.15)              /* [m/s2] sd of the lateral component of gravity: a bank of 1.5 % */
 #define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of road grade and lateral gravity. If
                                           * there is no wheel speed for this time, the speed is unknown. An
                                           * event that is not confirmed within this time is discarded */
-#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of the slip of a freely rolling axle as a pseudo-
+#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of the slip of a freely rolling axle, which is a pseudo-
                                           * measurement in each row: 3e-4 sqrt(20), because only one row in
                                           * 20 has new information */
 #define RATE_ROAD TSE_R(0.0001)          /* [1/s] rate of each of three events: change of road, return to
@@ -42,9 +43,9 @@
 #define RATE_FAULT TSE_R(1e-07)          /* [1/s] rate at which a channel gets an offset, freezes or
                                           * becomes noisy */
 #define CHANGE_SD TSE_R(0.4)             /* [1] sd by which the logarithms of stiffness and grip change at
-                                          * a change of road, or of the tyres of an axle. Also the min size
-                                          * of such a change, in units of this sd: a smaller change is not
-                                          * an event */
+                                          * a change of road, or of the tyres of an axle. Also the min
+                                          * amplitude of a change of tyres and of sliding wheels, in sds of
+                                          * the event: a smaller amplitude is not an event */
 #define OWN_SHARE TSE_R(0.5)             /* [1] if a stiffness steps, its sd grows by this share of the
                                           * step, because the earlier measurements were linearised at the
                                           * old stiffness */
@@ -57,23 +58,23 @@
                                           * square of its slow innovations */
 #define MAX_GROWTH TSE_R(4.0)            /* [1] in the update of the mean square of slow innovations, a
                                           * single square counts as at most this multiple of the mean */
-#define SETTLE_TIME TSE_R(2.0)           /* [s] min time of samples before an estimate is valid. Also the
-                                          * time for which a change is recent, the time for which a faulty
-                                          * channel must agree before it is used again, and the time of
-                                          * disagreement after which the zero of a course is estimated
+#define SETTLE_TIME TSE_R(2.0)           /* [s] min duration of data before an estimate is valid. Also the
+                                          * time for which a change counts as recent, the time for which a
+                                          * faulty channel must agree before it is used again, and the time
+                                          * of disagreement after which the zero of a course is estimated
                                           * again */
-#define ASKEW TSE_R(0.0035)              /* [rad] sideslip angle of a car that drives straight ahead: rear
-                                          * axle misaligned by 0.2 degrees (alignment tolerance), slope of
-                                          * the road, wind */
+#define ASKEW TSE_R(0.0035)              /* [rad] sd of the sideslip angle of a car that drives straight
+                                          * ahead, because of a rear axle misaligned by 0.2 degrees
+                                          * (alignment tolerance), slope of the road, wind */
 #define BLIND_ROWS TSE_R(2.5)            /* [1] number of sample times without a steering angle after which
                                           * the held angle is not used */
-#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity whose correlation time is
-                                          * MODEL_TIME (filters of receiver and INS). Also the min relative
-                                          * sd of a cornering stiffness while velocities are used, in units
-                                          * of model_sd */
+#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity that is an error with
+                                          * correlation time MODEL_TIME (filters of receiver and INS). Also
+                                          * the min relative sd of a cornering stiffness while velocities
+                                          * are used, in units of model_sd */
 #define OFF_SHARE TSE_R(4.0)             /* [1] ratio of the sd of the model discrepancy of the lateral
-                                          * speed to the product of model_sd and the lateral slip speed of
-                                          * the axles */
+                                          * speed to sqrt(model_sd^2 + mass_sd^2) times the rms lateral
+                                          * slip speed of the axles */
 #define MAX_NIS TSE_R(6.0)               /* [1] max normalised innovation squared of a velocity, averaged
                                           * over MODEL_TIME; above it the velocity is ignored. In this mean
                                           * a single value counts as at most MAX_NIS squared */

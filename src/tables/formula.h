@@ -13,7 +13,7 @@ enum {
   // clang-format on: end of table
 };
 
-/* List of all operations; the macro names their kind.
+/* List of all operations. The arguments are macros, one for each kind of operation:
  *   NUMBER, SIGNAL, PLAIN, MEMORY(name, code, number of operands, unit, text) */
 // clang-format off: table formula_operations
 #define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \

@@ -14,7 +14,7 @@ typedef struct real_row {
   tse_setting def, lo, hi;
 } real_row;
 
-/* The same for a setting of type int32_t. */
+/* A setting of type int32_t: the same members. */
 typedef struct whole_row {
   const char *name;
   uint16_t at;
@@ -55,8 +55,8 @@ static inline void set_defaults(
     memcpy((uint8_t *)settings + whole[i].at, &whole[i].def, sizeof whole[i].def);
 }
 
-/* Return whether a setting is within its range or equals its default, as a default of 0
- * out of range means "not set". NaN is out of range. */
+/* Return whether a setting is within its range or equals its default: some settings have
+ * a default of 0 that is out of range and means "not set". NaN is out of range. */
 static inline int real_holds(const real_row *row, tse_setting x)
 {
   return (x >= row->lo && x <= row->hi) || x == row->def;

@@ -175,18 +175,18 @@
       "deviation of the front one; paper's filter")
 #define SETTINGS_UNCERTAINTY(REAL, WHOLE) \
   REAL("uncertainty.mass_sd", mass_sd, 0.05, 0.0, 0.0, 0.5, "1", \
-      "relative sd of mass; yaw_inertia deviates in proportion to the mass") \
+      "relative sd of mass; if the mass differs from its setting, yaw_inertia differs in proportion") \
   REAL("uncertainty.yaw_inertia_sd", yaw_inertia_sd, 0.1, 0.0, 0.0, 0.5, "1", \
       "relative sd of yaw_inertia for a given mass") \
   REAL("uncertainty.cg_sd", cg_sd, 0.03, 0.0, 0.0, 1.0, "m", \
-      "sd of the position of the centre of gravity between the axles") \
+      "sd of the longitudinal position of the centre of gravity") \
   REAL("uncertainty.steer_ratio_sd", steer_ratio_sd, 0.03, 0.0, 0.0, 0.5, "1", \
       "relative sd of the scale of steer_angle: steering ratio and compliance") \
   REAL("uncertainty.steer_offset_sd", steer_offset_sd, 0.006, 0.0, 0.0, 0.1, "rad", \
       "sd of a constant offset of steer_angle") \
   REAL("uncertainty.accel_y_scale_sd", accel_y_scale_sd, 0.03, 0.0, 0.0, 0.5, "1", \
-      "relative sd of the scale of accel_y; the gravity that accel_y measures when the body rolls " \
-      "contributes to it") \
+      "relative sd of the scale of accel_y, which includes the gravity that accel_y measures when the " \
+      "body rolls") \
   REAL("uncertainty.wheel_delay_sd", wheel_delay_sd, 0.02, 0.0, 0.0, 0.2, "s", \
       "sd of the delay of the wheel speeds relative to the IMU") \
   REAL("uncertainty.accel_delay_sd", accel_delay_sd, 0.003, 0.0, 0.0, 0.2, "s", \
@@ -267,15 +267,16 @@
   REAL("velocity.velocity_heading_sd", velocity_heading_sd, 0.02, 0.02, 0.0, 0.5, "rad", \
       "sd of velocity_heading") \
   REAL("velocity.velocity_scale_sd", velocity_scale_sd, 0.02, 0.02, 0.0, 0.2, "1", \
-      "relative sd of the ratio of a measured speed to the wheel speeds, which depends on the wheel radii")
+      "relative sd of the ratio of a measured speed to the speed computed from the wheels; wrong wheel " \
+      "radii change this ratio")
 #define SETTINGS_PEDALS(REAL, WHOLE) \
   REAL("pedals.wheel_torque_least", wheel_torque_least, 60.0, 60.0, 1.0, 2000.0, "Nm", \
       "an axle with a smaller |torque| counts as rolling freely; twice the sd of offset and noise of the " \
       "torque signal")
 #define SETTINGS_ROAD(REAL, WHOLE) \
   REAL("road.road_sd", road_sd, 0.005, 0.005, 0.0, 0.3, "rad", \
-      "sd of the error of a given bank or grade: difference between estimates from different laps of one " \
-      "road")
+      "sd of the error of a given bank or grade: estimates from different laps of one road differ by " \
+      "about this")
 #define SETTINGS_FORMULA(REAL, WHOLE) \
   REAL("effects.formula_gain", formula_gain, 0.0, 0.0, -10.0, 10.0, "1", \
       "factor of the user's formula; 0: no formula") \
@@ -364,7 +365,7 @@
       "road may be different") \
   REAL("filter.learnt_walk_day", learnt_walk_day, 0.02, 0.02, 0.0, 1.0, "1/sqrt(day)", \
       "random walk of a mean stiffness between drives: sd of its change in one day, relative to nominal, " \
-      "by wear, pressure, temperature, other tyres") \
+      "caused by wear, pressure, temperature, other tyres") \
   REAL("filter.initial_vel_x", initial_vel_x, 0.0, 0.0, -70.0, 70.0, "m/s", \
       "initial vel_x if initial_vel_x_from_wheels is 0; paper's filter") \
   REAL("filter.initial_vel_x_sd", initial_vel_x_sd, 0.1, 0.1, 0.0, 20.0, "m/s", \
