@@ -38,10 +38,10 @@
  * range of its channel, a negative sd, or a correlation beyond 1. Formats 1 and 2 are
  * refused with TSE_E_OLD.
  *
- * The hash `vehicle` covers the vehicle settings, from mass to
- * rear_longitudinal_follows_front in tse_config, in single precision, because stiffness
- * is relative to them. Settings of sensors, filter, particles and seed may change between
- * drives, because biases are kept in SI units.
+ * The hash `vehicle` is computed from the vehicle settings, from mass to
+ * rear_longitudinal_follows_front in tse_config, in single precision. They must not
+ * change between drives, because stiffness is relative to them. Settings of sensors,
+ * filter, particles and seed may change, because biases are stored in SI units.
  *
  * The learnt state is not a snapshot: it leaves out velocities, particles and weights. To
  * interrupt and continue a drive, copy the tse_filter. */

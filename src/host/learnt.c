@@ -320,12 +320,12 @@ static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real 
   return r_min(r_add_sat(r_max(r_mul(sd, sd), p->learnt_floor), grow), max_var);
 }
 
-/* Age a bias by age_s seconds. A bias is a stationary process whose mean is 0 and whose
- * variance is that of the settings. The variance of its estimate grows up to this
- * variance, and its mean decays to 0 in proportion.
- *   Given:    walk        variance of its random walk in 1 s
+/* Age an estimated bias by age_s seconds. A bias is a stationary process whose mean is 0
+ * and whose variance is set by the settings. The variance of the estimate grows up to
+ * this stationary variance. Meanwhile the estimate decays to 0.
+ *   Given:    walk        variance of the random walk of the bias in 1 s
  *             stationary  variance in the settings
- *   Updated:  mean, var   in the units of walk */
+ *   Updated:  mean, var   estimate and its variance */
 static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real stationary, uint32_t age_s)
 {
   if (!(*var < stationary)) {

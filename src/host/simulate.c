@@ -110,7 +110,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
-/* Return the wheels of the car with the torques of u. */
+/* Return the constants of the wheels, and the drive and brake torques of u. */
 static wheels compute_wheels(const tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real radius[2] = { sim->params.radius_front, sim->params.radius_rear };

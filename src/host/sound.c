@@ -185,7 +185,8 @@ static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3)
       fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
-  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* padding has larger values */
+  /* elements of unused particles have larger values and are not checked */
+  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64));
 }
 
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes)

@@ -355,7 +355,7 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
 
 /* Predict the readings of accelerometers and gyro, at the position and in the axes of the
  * IMU. Roll and pitch add a component of gravity. Away from the centre of gravity the IMU
- * also measures accelerations by yaw rate and yaw acceleration.
+ * also measures accelerations due to yaw rate and yaw acceleration.
  *   Returned:  rows ACCEL_X, ACCEL_Y and YAW_RATE of z and H */
 static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])

@@ -26,13 +26,13 @@ typedef struct tse_delay {
   tse_real age[TSE_DELAY_ROWS]; /* [s] */
 } tse_delay;
 
-/* State of the effects. */
+/* Memory of the effects: values that they keep from step to step. */
 typedef struct tse_effect_memory {
   int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
   tse_real lag[4];        /* after relaxation: slip angles front, rear [rad], slips front, rear [1] */
   tse_real mode[3][2];    /* of body roll, pitch, roll steer: acceleration after the lag, and its rate */
-  tse_real time, heading; /* [s] since the start; [turns] change of heading since the start */
+  tse_real time, heading; /* [s] time since the start; [turns] change of heading since the start */
   int32_t steered;        /* 0: there has been no steering angle */
   tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
@@ -138,8 +138,8 @@ typedef struct tse_car {
   tse_real pitch_damping;          /* [1] damping ratio of the pitch */
   tse_real lever_x, lever_y;       /* [m] position of the IMU */
   tse_real mount_cos, mount_sin;   /* [1] cosine and sine of the mounting angle of the IMU */
-  tse_real scale_x, scale_y, scale_r; /* [1] scales of accel_x, accel_y, yaw_rate */
-  tse_real free_front, free_rear;     /* [1] minus the slip of each axle when it rolls freely */
+  tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
+  tse_real free_front, free_rear;     /* [1] slip of each axle when it rolls freely, with opposite sign */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 
@@ -155,7 +155,7 @@ struct tse_params {
   uint32_t seed[2];
   /* vehicle */
   tse_real follow;                    /* [1] setting rear_longitudinal_follows_front */
-  tse_real radius_front, radius_rear; /* [m] */
+  tse_real radius_front, radius_rear; /* [m] rolling radii */
   /* sensors */
   tse_real sd[3], inv_sd[3]; /* sd of accel_x, accel_y [m/s2], yaw rate [rad/s], and 1/sd */
   tse_real bias_var0[3];     /* [sigma^2] initial bias variance */
@@ -209,7 +209,7 @@ typedef struct tse_start {
   tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); sd of this mean among the particles */
   tse_real mean_var[3];     /* [1] total variance of this mean */
   tse_real lam[6], gamma, nu;
-  tse_real bias[3], bias_var[3];         /* [sigma] */
+  tse_real bias[3], bias_var[3];         /* form 1: [sigma] mean of each bias; [sigma^2] variance */
   tse_real kept[TSE_KEPT];               /* form 0: saved states, SI units */
   tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: their covariance, in units of the state */
   tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
@@ -308,7 +308,7 @@ typedef struct tse_kalman {
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
   tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
-  tse_real road[2];              /* [m/s2] longitudinal and lateral gravity by the given road; 0: not given */
+  tse_real road[2];              /* [m/s2] longitudinal and lateral gravity on the given road; 0: not given */
   tse_real since_slow[TSE_SLOW]; /* [s] time since the last process noise of each slow state */
   /* variance of the linearisation error due to recent steps of each stiffness, in squared
    * units of the state */
@@ -323,10 +323,10 @@ typedef struct tse_kalman {
   tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
   tse_real usual[TSE_SENSORS];    /* [1] mean of (squared slow innovation / slow_var) */
   tse_real log_likelihood;
-  tse_real change_age;                     /* [s] since the last change */
+  tse_real change_age;                     /* [s] time since the last change */
   tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
   tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
-  tse_along along, along_from;             /* now, and before the last change */
+  tse_along along, along_from;             /* its present value, and that before the last change */
   tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
   tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
   tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among readings that follow a repeated one */
@@ -335,7 +335,7 @@ typedef struct tse_kalman {
   int32_t change_kind;              /* TSE_CHANGE_* */
   int32_t fault;                    /* 0: no fault, else 1 + TSE_CHANNEL_ */
   int32_t slow_turn;                /* slow state whose process noise is added next */
-  int32_t road_given;               /* bits: longitudinal, lateral gravity is given */
+  int32_t road_given;               /* bit 0: longitudinal gravity is given; bit 1: lateral gravity */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS]; /* posterior probability of each event */
   tse_real none[TSE_GROUPS];   /* posterior probability that no event of the group has happened */
@@ -388,7 +388,7 @@ struct tse_filter {
  * to this type. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu; /* of (16), (17); they do not depend on data and are the same for all particles */
+  tse_real gamma, nu; /* see (16) and (17); independent of data, and the same for all particles */
   tse_real bias_var
       [3]; /* [sigma^2] P of (18), (19), the same for all particles; diagonal, because P0, Q and R are */
   tse_real log_total;                    /* log2 of the sum of the weights 2^logw */

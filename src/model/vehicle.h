@@ -2,8 +2,8 @@
  * its integrators use.
  *
  * The functions are inline and have no branches, so that loops over particles (paper/)
- * vectorise. Forces are divided by the mass. Axes are those of ISO 8855, slip is positive
- * when driving. */
+ * vectorise. Forces are divided by the mass. Axes are those of ISO 8855. The slip of a
+ * driven axle is positive. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -79,8 +79,8 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* Matrix 1 - g h J of the states (vy, r). J is the Jacobian of their damping by
- * the tyres. */
+/* Matrix 1 - g h J of ROS2 for the states (vy, r), and 1/determinant. J is the Jacobian
+ * of the damping of these states by the tyres, and h the step. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
@@ -108,10 +108,10 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* Constant g of the integrator of (7) in the paper's filter, replay and simulator. It
- * is the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom & Hundsdorfer,
- * SIAM J. Sci. Comput. 20 (1999) 1456). For a step h from the state x and the input u0
- * to the input u1:
+/* Constant g of the integrator of (7) in the paper's filter, replay and simulator. The
+ * integrator is the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom &
+ * Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456). For a step h from the state x and
+ * the input u0 to the input u1:
  *   (1 - g h J) k1 = f(x, u0)
  *   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1
  *   x+ = x + h (3 k1 + k2)/2,  g = 1 - 1/sqrt(2)
