@@ -52,9 +52,11 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# Reasons in the last row of a log with which the level of a stiffness is at most "partly"
+# If a stiffness has one of these reasons in the last row of a log, its level is at most
+# "partly"
 AT_FAULT = ("sensor fault", "implausible")
-LIMITED = ("uncertain", "parameters uncertain")  # reasons with which the sd and its limit are stated
+# If a stiffness has one of these reasons, the answer states its sd and the limit of the sd
+LIMITED = ("uncertain", "parameters uncertain")
 # Min number of changes, and max mean time [s] between them, with which the model is
 # probably wrong. Such frequent changes of the road are improbable.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0

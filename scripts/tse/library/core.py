@@ -938,9 +938,8 @@ class Replay:
 
 
 def convert_stiffness(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, sd and spread of the three stiffnesses in one output.
-
-    Unit: N for cx_front, N/rad for cy_front and cy_rear."""
+    """Convert the three stiffnesses in one output to N (cx_front) and N/rad (cy_front,
+    cy_rear). Return stiffness, stiffness_sd and stiffness_spread, three values each."""
     lib = library()
     record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
     si = [np.zeros(3, lib.real) for _ in range(3)]

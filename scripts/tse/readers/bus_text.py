@@ -241,7 +241,10 @@ BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE":
 
 
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
-    """Yield the frames of a log of BUSMASTER. Times do not restart from 0 at midnight."""
+    """Yield the frames of a log of BUSMASTER.
+
+    The log gives the time of day, which restarts from 0 at midnight. The times of the
+    frames go on increasing."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
