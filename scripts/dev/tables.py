@@ -67,7 +67,7 @@ def read(name: str) -> Row:
 
 
 def find_file(name: str) -> str:
-    """Return the name of the file of src/tables that has a table, without suffix."""
+    """Return the name, without suffix, of the file in src/tables with the table `name`."""
     return SECTIONS.get(name, name)
 
 
@@ -641,7 +641,9 @@ REMARK = re.compile(r"(.*\S)(\s+)/\* (.*) \*/$")
 
 
 def fold_remark(code: str, gap: str, remark: str) -> list[str]:
-    """Return a line with a comment at its end, which continues in the lines below."""
+    """Return the lines of `code` with `remark` as a comment at its end.
+
+    A long comment continues in the lines below."""
     column = len(code) + len(gap)
     first, *rest = textwrap.wrap(remark, MAX_COLUMNS - column - 6, break_long_words=False)
     lines = [f"{code}{gap}/* {first}", *(f"{' ' * column} * {part}" for part in rest)]

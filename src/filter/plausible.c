@@ -70,8 +70,11 @@ static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
 }
 
-/* Return whether the quantities of a pair disagree.
- *   Given:  driven  driven axle: 1 front, 2 rear, 0 both or unknown */
+/* Return whether the two quantities of a pair contradict each other: whether their
+ * correlation is too weak or has the wrong sign, or their variances are too different.
+ *   Given:  which   index of the pair, IN_BENDS ...
+ *           first   [units of the pair] variance of the first quantity
+ *           driven  driven axle: 1 front, 2 rear, 0 both or unknown */
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
   const tse_real x = r_max(first, MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);

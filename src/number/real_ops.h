@@ -244,8 +244,9 @@ static inline tse_real r_exp2(tse_real x)
 
 /* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 they are
  *   sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2).
- * The polynomials are in -v^2, because their coefficients are then positive: gcc 12
- * contracts mixed sums and differences in spite of -ffp-contract=off. */
+ * P and Q are polynomials in -v^2, because all their coefficients are then positive, so
+ * that they have only additions. Where additions and subtractions alternate, gcc 12 fuses
+ * them with multiplications (FMA), in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;

@@ -187,8 +187,8 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
     """Return the time [s] by which the clock of `b` is ahead of the clock of `a`, and the
     correlation at this shift.
 
-    A signal of `a` is correlated with a signal of `b` that is shifted by this time. Return
-    None if the clocks agree, or if no pair of signals correlates well enough."""
+    A signal of `a` is correlated with a signal of `b` that is shifted by this time.
+    Return None if the clocks agree, or if no pair of signals correlates well enough."""
     mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (

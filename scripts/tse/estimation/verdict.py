@@ -55,7 +55,8 @@ WHY = {
 # If a stiffness has one of these reasons in the last row of a log, its level is at most
 # "partly"
 AT_FAULT = ("sensor fault", "implausible")
-# If a stiffness has one of these reasons, the answer states its sd and the limit of the sd
+# If a stiffness has one of these reasons, the answer states its sd and the limit of this
+# sd
 LIMITED = ("uncertain", "parameters uncertain")
 # Min number of changes, and max mean time [s] between them, with which the model is
 # probably wrong. Such frequent changes of the road are improbable.

@@ -58,7 +58,7 @@ class FormulaTerm:
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal that forms are made of.
+    """A signal that can be part of a form, that is, of a candidate for the formula.
 
     `text` is its expression and `units` its unit. `sizes` are a small, a medium and a
     large value of the signal in ordinary driving.

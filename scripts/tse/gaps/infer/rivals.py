@@ -53,7 +53,9 @@ class World:
 
     naming: Naming
     discovery: Discovery | None
-    price: float  # [nat] price of the named effects and the formula
+    # [nat] what is subtracted from ln likelihood for the complexity of the named effects
+    # and of the formula (top of this file)
+    price: float
     # residuals of the fitted logs, and of the held-out logs if there are any
     residuals: list[np.ndarray]
     probability: float = 0.0  # computed by Worlds.weigh()
