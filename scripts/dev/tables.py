@@ -67,7 +67,7 @@ def read(name: str) -> Row:
 
 
 def find_file(name: str) -> str:
-    """Return the name, without suffix, of the file in src/tables with the table `name`."""
+    """Return the name, without suffix, of the src/tables file with the table `name`."""
     return SECTIONS.get(name, name)
 
 
