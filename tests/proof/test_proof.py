@@ -1,6 +1,7 @@
 """The short parts of scripts/dev/proof.sh; skipped where a tool is not installed."""
 
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -59,17 +60,34 @@ def test_faults_without_a_test_are_still_in_the_source():
         assert line in (mutation.SRC / file).read_text(), fault
 
 
-def test_every_fault_of_the_table_can_be_put_in_and_is_of_the_filter_or_its_model():
-    """The run itself takes half an hour."""
-    found = faults.read_faults()
-    assert len(found) == 30 and len({what for what, _ in found}) == 30
-    assert {f.file.split("/")[0] for _, f in found} == {"filter", "model"}
-    assert all(f.old != f.new for _, f in found)
+@pytest.mark.parametrize("listed", faults.LISTS, ids=lambda listed: listed.file.stem)
+def test_every_fault_of_a_list_can_be_put_in_and_names_its_tests(listed):
+    """The run itself takes an hour."""
+    found = faults.read_faults(listed.file)
+    assert len({f.what for f in found}) == len(found) >= listed.min_found
+    assert all(f.old != f.new for f in found)
+    for f in found:
+        assert bool(f.tests) != f.file.startswith("src/"), f.what
+        assert all((ROOT / t).is_file() for t in f.tests), f.what
+
+
+def test_the_lists_are_of_the_filter_and_of_the_whole_project():
+    first, whole = ([f.file.split("/") for f in faults.read_faults(x.file)] for x in faults.LISTS)
+    assert {"/".join(f[:2]) for f in first} == {"src/filter", "src/model"} and len(first) == 30
+    rooms = {f[2] for f in whole if f[:2] == ["scripts", "tse"]}
+    assert rooms >= {"estimation", "streaming", "identify", "calibration", "gaps", "readers", "channels"}
+    assert {f[0] for f in whole} == {"src", "fmu", "scripts"} and len(whole) == 40
 
 
 def test_the_table_names_every_fault():
     text = faults.REPORT.read_text(encoding="utf-8")
-    assert all(f"| {what} |" in text for what, _ in faults.read_faults())
+    assert all(f"| {f.what} |" in text for f in faults.read_faults(faults.LISTS[0].file))
+
+
+def test_a_test_that_was_written_for_a_survivor_is_there():
+    for f in (f for x in faults.LISTS for f in faults.read_faults(x.file) if f.since):
+        file, name = f.since.split("::")
+        assert f" {name}(" in (ROOT / file).read_text(encoding="utf-8"), f.since
 
 
 @pytest.mark.slow
@@ -89,6 +107,64 @@ def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
     same = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "TSE_R(0.50)", "number", 0, "TSE_R(0.5)")
     stillborn = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "nonsense", "number", 0, "TSE_R(0.5)")
     assert [bench.judge(f) for f in (wrong, same, stillborn)] == ["found", "same", "stillborn"]
+
+
+def make_tree_court(tmp_path, monkeypatch, tests):
+    """Return a court on a tree of one module and its tests."""
+    root = tmp_path / "root"
+    (root / "scripts").mkdir(parents=True)
+    (root / "scripts" / "pyproject.toml").write_text("[tool.pytest.ini_options]\n")
+    (root / "scripts" / "double.py").write_text("def double(x):\n    return x * 2\n")
+    (root / "test_double.py").write_text(f"from double import double\n\ndef test_it():\n    {tests}\n")
+    (root / ".venv").symlink_to(ROOT / ".venv")
+    subprocess.run(["git", "init", "-q"], cwd=root, check=True)
+    monkeypatch.setattr(faults, "ROOT", root)
+    return faults.TreeCourt(tmp_path / "tree")
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="git is not installed")
+def test_a_fault_of_python_is_judged_in_a_copy(tmp_path, monkeypatch):
+    court = make_tree_court(tmp_path, monkeypatch, "assert double(0) == 0 and double(3) == 6")
+
+    def make(new):
+        return faults.HandFault("", "scripts/double.py", "x * 2", new, 2, ("test_double.py",), "")
+
+    found = [court.judge(make(new))[0] for new in ("x + 2", "2 * x", "x *")]
+    assert found == ["found", "survived", "stillborn"]
+    assert court.judge(make("x + 2"))[1] == "test_double.py::test_it"
+    for folder in ("root", "tree"):  # nothing of it is left
+        assert (tmp_path / folder / "scripts" / "double.py").read_text().endswith("return x * 2\n")
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="git is not installed")
+def test_tests_that_fail_without_a_fault_judge_nothing(tmp_path, monkeypatch):
+    court = make_tree_court(tmp_path, monkeypatch, "assert double(3) == 7")
+    wrong = faults.HandFault("", "scripts/double.py", "x * 2", "x + 2", 2, ("test_double.py",), "")
+    with pytest.raises(SystemExit, match="fails without any fault"):
+        court.judge(wrong)
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="git is not installed")
+def test_a_copy_that_an_interrupted_run_left_is_mended(tmp_path, monkeypatch):
+    make_tree_court(tmp_path, monkeypatch, "pass")
+    (tmp_path / "tree" / "scripts" / "double.py").write_text("def double(x):\n    return x + 2\n")
+    (tmp_path / "tree" / "stray.py").write_text("")
+    faults.TreeCourt(tmp_path / "tree")
+    assert (tmp_path / "tree" / "scripts" / "double.py").read_text().endswith("return x * 2\n")
+    assert not (tmp_path / "tree" / "stray.py").exists()
+
+
+def test_a_verdict_is_kept_until_the_file_or_a_test_changes(tmp_path, monkeypatch):
+    monkeypatch.setattr(faults, "ROOT", tmp_path)
+    for name in ("module.py", "test_module.py"):
+        (tmp_path / name).write_text("x = 1\n")
+    fault = faults.HandFault("", "module.py", "1", "2", 1, ("test_module.py",), "")
+    kept = tmp_path / "kept.json"
+    faults.Verdicts(kept, again=False).keep(fault, "found", "test_module.py::test_x")
+    assert faults.Verdicts(kept, again=False).get(fault) == ("found", "test_module.py::test_x")
+    assert faults.Verdicts(kept, again=True).get(fault) is None
+    (tmp_path / "test_module.py").write_text("x = 2\n")
+    assert faults.Verdicts(kept, again=False).get(fault) is None
 
 
 @pytest.mark.slow
