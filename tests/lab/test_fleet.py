@@ -29,7 +29,7 @@ from tse.log.rows import Reading
 from tse.report.report import read_figures
 from tse.runs import work as module
 from tse.runs.find import Drive, find_drives, find_start
-from tse.runs.keep import Store, find_unlike_tyres
+from tse.runs.keep import Store, compute_key, find_unlike_tyres
 from tse.runs.run import FleetPlan, get_outcome, run_drives
 from tse.runs.work import Task, read_code_version
 from tse.simulation import maneuvers
@@ -185,6 +185,25 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
     assert run_fleet(logs, tmp_path / "out").code == 3
     assert {p for p, t in before.items() if p.stat().st_mtime_ns != t} == {one, other}
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out" / "fleet.parquet"), table)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_result_is_made_again_where_a_database_of_its_bus_is_another(named, tmp_path):
+    """A database that no option names: signals.toml names it, or it is beside the log."""
+    folder = tmp_path / "databases" if named else tmp_path
+    folder.mkdir(exist_ok=True)
+    (folder / "car.dbc").write_text("")
+    (tmp_path / "log.blf").write_bytes(b"")
+    if named:
+        text = '[log]\ndatabases = ["databases/car.dbc"]\n[signals.yaw_rate]\nname = "YawRate"\n'
+        (tmp_path / "signals.toml").write_text(text)
+    car = tmp_path / "car.toml"
+    car.write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
+    task = replace(make_task(tmp_path / "log.blf"), vehicle=car)
+    before = compute_key(task)
+    assert compute_key(task) == before
+    (folder / "car.dbc").write_text('VERSION "2"\n')
+    assert compute_key(task) != before
 
 
 def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_path):

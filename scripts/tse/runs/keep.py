@@ -15,10 +15,13 @@ import numpy as np
 import pandas as pd
 
 from tse.car.vehicle import read_vehicle
+from tse.channels.signals import find_signals
 from tse.estimation.estimate import write_learnt
 from tse.estimation.verdict import NAMES
+from tse.library.errors import UserError
 from tse.library.files import make_directory, read_sealed, resolve_path, write_atomically, write_sealed
 from tse.log.rows import Reading, list_log_files
+from tse.readers.read_can import find_databases
 from tse.report import results
 from tse.runs.find import Drive
 from tse.runs.work import Outcome, Task
@@ -199,12 +202,8 @@ def compute_key(task: Task) -> str:
     take as long as estimating them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    others = [
-        f
-        for log, signals in task.others
-        for f in (*list_log_files(log), *replace(reading, signals=signals).files(log))
-    ]
-    for path in sorted({*list_log_files(task.log), *reading.files(task.log), *others}):
+    others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]
+    for path in sorted({*_list_inputs(task.log, reading), *others}):
         with contextlib.suppress(OSError):
             found = path.stat()
             digest.update(f"{path} {found.st_size} {found.st_mtime_ns}\n".encode())
@@ -225,6 +224,16 @@ def compute_key(task: Task) -> str:
     digest.update(json.dumps([*said, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()
+
+
+def _list_inputs(log: Path, reading: Reading) -> list[Path]:
+    """Return the files that determine the rows of a log: its own, signals.toml, and the
+    databases of its bus, which an option or signals.toml names or which are beside it."""
+    found = [*list_log_files(log), *reading.files(log)]
+    with contextlib.suppress(UserError, OSError):  # a wrong file is reported by the run
+        _, how = find_signals(log, reading.signals, reading.databases)
+        found += find_databases(log, how, required=False)
+    return found
 
 
 def _clean_name(name: str) -> str:
