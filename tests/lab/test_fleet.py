@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -185,6 +185,39 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
     assert run_fleet(logs, tmp_path / "out").code == 3
     assert {p for p, t in before.items() if p.stat().st_mtime_ns != t} == {one, other}
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out" / "fleet.parquet"), table)
+
+
+def test_a_result_is_made_again_where_anything_of_its_task_is_another(tmp_path):
+    """Each field of a task is in the key of its result, by its content or by its name."""
+    for name in ("log.csv", "other.csv", "log.signals.toml", "car.dbc", "filter.toml"):
+        (tmp_path / name).write_text(name)
+    for name, mass in (("car.toml", 1500), ("heavy.toml", 1900)):
+        (tmp_path / name).write_text(
+            f"mass = {mass}\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+        )
+    task = replace(make_task(tmp_path / "log.csv"), vehicle=tmp_path / "car.toml")
+    others = {
+        "log": tmp_path / "other.csv",
+        "vehicle": tmp_path / "heavy.toml",
+        "signals": tmp_path / "car.dbc",
+        "rate": 50.0,
+        "strict": True,
+        "databases": (tmp_path / "filter.toml",),
+        "config": tmp_path / "filter.toml",
+        "average": 0.1,
+        "form": "robust",
+        "settings": {"mass": 1700.0},
+        "learnt": b"of the drive before",
+        "age": 60.0,
+        "report": True,
+        "estimates": tmp_path / "est.parquet",
+        "calibrate": True,
+        "others": ((tmp_path / "other.csv", None),),
+        "code": ("0.1", "another library"),
+    }
+    assert set(others) == {f.name for f in fields(Task)}
+    keys = {name: compute_key(replace(task, **{name: value})) for name, value in others.items()}
+    assert len({compute_key(task), *keys.values()}) == 1 + len(others), keys
 
 
 @pytest.mark.parametrize("named", [True, False])

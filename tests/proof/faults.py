@@ -299,14 +299,14 @@ class Verdicts:
             digest.update(path.read_bytes())
         return digest.hexdigest()
 
-    def get(self, fault: HandFault) -> tuple[str, str] | None:
+    def get(self, key: str) -> tuple[str, str] | None:
         """Return verdict and test of an earlier run."""
-        found = self._known.get(self.make_key(fault))
+        found = self._known.get(key)
         return (found[0], found[1]) if found else None
 
-    def keep(self, fault: HandFault, verdict: str, by: str) -> None:
+    def keep(self, key: str, verdict: str, by: str) -> None:
         """Keep a verdict for later runs."""
-        self._known[self.make_key(fault)] = [verdict, by]
+        self._known[key] = [verdict, by]
         self._path.parent.mkdir(parents=True, exist_ok=True)
         new = self._path.with_suffix(".new")
         new.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
@@ -336,10 +336,11 @@ def judge_faults(
     """Return each fault with its verdict."""
     done = []
     for n, fault in enumerate(chosen, 1):
-        began, known = time.monotonic(), verdicts.get(fault)
+        key = verdicts.make_key(fault)  # before: files may change while the tests run
+        began, known = time.monotonic(), verdicts.get(key)
         verdict, by = known or courts.judge(fault)
         if known is None:
-            verdicts.keep(fault, verdict, by)
+            verdicts.keep(key, verdict, by)
         took = "kept" if known else f"{time.monotonic() - began:.0f} s"
         where = f" by {by}" if by else ""
         print(

@@ -159,12 +159,13 @@ def test_a_verdict_is_kept_until_the_file_or_a_test_changes(tmp_path, monkeypatc
     for name in ("module.py", "test_module.py"):
         (tmp_path / name).write_text("x = 1\n")
     fault = faults.HandFault("", "module.py", "1", "2", 1, ("test_module.py",), "")
-    kept = tmp_path / "kept.json"
-    faults.Verdicts(kept, again=False).keep(fault, "found", "test_module.py::test_x")
-    assert faults.Verdicts(kept, again=False).get(fault) == ("found", "test_module.py::test_x")
-    assert faults.Verdicts(kept, again=True).get(fault) is None
+    kept, found = tmp_path / "kept.json", ("found", "test_module.py::test_x")
+    key = faults.Verdicts.make_key(fault)
+    faults.Verdicts(kept, again=False).keep(key, *found)
+    assert faults.Verdicts(kept, again=False).get(key) == found
+    assert faults.Verdicts(kept, again=True).get(key) is None
     (tmp_path / "test_module.py").write_text("x = 2\n")
-    assert faults.Verdicts(kept, again=False).get(fault) is None
+    assert faults.Verdicts.make_key(fault) != key
 
 
 @pytest.mark.slow
