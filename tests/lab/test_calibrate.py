@@ -34,7 +34,13 @@ from tse.channels.log import read_frame
 from tse.identify import vehicle_file
 from tse.identify.fit import CarFit
 from tse.identify.lasting import Piece
-from tse.identify.slip import SLIP_MODEL_SD, apply_slip_regression, describe_slip, describe_wheel_latencies
+from tse.identify.slip import (
+    SLIP_MODEL_SD,
+    _Car,
+    apply_slip_regression,
+    describe_slip,
+    describe_wheel_latencies,
+)
 from tse.identify.unknowns import LATE_CHANNELS, UNKNOWNS, make_prior
 from tse.identify.vehicle_file import PRIOR_PIECES, measure_unexplained
 from tse.library.core import NOMINAL, Config
@@ -514,6 +520,21 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
     assert np.exp(found.x[5]) == pytest.approx(factor, rel=0.03)
     assert SLIP_MODEL_SD * 0.99 < np.sqrt(found.covariance[5, 5]) < 1.5 * SLIP_MODEL_SD
+
+
+@pytest.mark.parametrize("driven", ["front", "rear"])
+def test_the_slip_of_an_axle_is_that_of_its_own_load(driven: str) -> None:
+    """Of a car with 64 % of its weight in front, by the search of compute_slip()."""
+    config = Config.exact({"lf": 1.0, "lr": 1.8})
+    at = {"aero_drag_coefficient": DRAG, "rolling_resistance_coefficient": ROLLING}
+    car = _Car(config, at, make_driven_car(driven))
+    push = np.linspace(0.2, 2.0, 10)
+    slip, bend, _ = car.compute_slip(0 if driven == "front" else 1, push, push)
+    stiffness = getattr(config, f"longitudinal_stiffness_{driven}")
+    expected = np.array([compute_slip(config, driven, stiffness, p) for p in push])
+    # 1e-4: the curve is a table of 400 values, linear between them
+    np.testing.assert_allclose(slip, expected, rtol=1e-4)
+    np.testing.assert_allclose(bend, expected - config.mass * push / stiffness, atol=1e-4 * expected.max())
 
 
 def test_what_logs_do_not_show_is_left_as_it_was() -> None:

@@ -22,6 +22,8 @@ from tse.identify.data import (
     compute_speed,
     group_blocks,
     prepare,
+    remove_latencies,
+    simulate,
     smooth_values,
 )
 from tse.identify.fit import (
@@ -266,6 +268,22 @@ def test_a_latency_moves_the_simulation_by_itself(found: tuple[CarProblem, CarFi
         for k in range(7)
     ]
     assert int(np.argmin(apart)) == 3
+
+
+def test_a_channel_is_simulated_as_late_as_the_vehicle_file_says(tmp_path: Path) -> None:
+    """A latency of the search adds to it; both move that channel alone."""
+    config = Config.exact(QUIET | {"accel_y_latency": 0.03})
+    plain = prepare_logs(tmp_path, config, 1)[0]
+    late = remove_latencies(plain, config)
+    names = ("accel_y", "yaw_rate")
+    before = simulate(config, plain, names, {}, {})
+    rows = slice(late.stretches[0].first + 50, late.stretches[0].last - 50)
+    for more, behind in (({}, 3), ({"accel_y": 0.02}, 5)):  # rows of DT
+        after = simulate(config, late, names, {}, {}, more)
+        moved = before["accel_y"][rows.start - behind : rows.stop - behind]
+        # latencies are whole rows: nothing but the rounding of times is left
+        np.testing.assert_allclose(after["accel_y"][rows], moved, atol=1e-9)
+        np.testing.assert_array_equal(after["yaw_rate"], before["yaw_rate"])
 
 
 def test_slopes_are_differences_of_the_residuals(found: tuple[CarProblem, CarFit]) -> None:
