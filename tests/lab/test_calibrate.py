@@ -19,7 +19,7 @@ from conftest import Result, tselab, tselab_here
 from gap_logs import write_car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import make_drive_rows, write_rows
-from tse.calibration import workflow
+from tse.calibration import output, workflow
 from tse.calibration.result import (
     NumberFinding,
     Proof,
@@ -29,7 +29,7 @@ from tse.calibration.result import (
     list_contradicting,
 )
 from tse.car.formula import Number, parse, write_formula
-from tse.car.vehicle import Vehicle, get_ordinary_car, read_vehicle
+from tse.car.vehicle import Vehicle, get_ordinary_car, make_default_vehicle, read_vehicle
 from tse.channels.log import read_frame
 from tse.identify import vehicle_file
 from tse.identify.fit import CarFit
@@ -170,6 +170,25 @@ def test_what_was_known_of_the_model_counts_beside_what_logs_show(monkeypatch: p
     ):
         monkeypatch.setattr(vehicle_file, "measure_unexplained", lambda *_, found=(left, count): found)
         assert vehicle_file.estimate_model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
+
+
+def test_an_error_that_both_wheel_radii_share_is_none_of_their_ratio(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both are off by 2 % together, and each by 0.6 % of its own."""
+    together, own = 0.02, 0.006
+    config = Config.exact({"wheel_radius_rear": 0.35})
+    prior = make_prior(make_default_vehicle(), config)
+    at = [prior.names.index(f"wheel_radius_{axle}") for axle in ("front", "rear")]
+    radii, covariance = prior.mean[at], prior.covariance.copy()
+    covariance[np.ix_(at, at)] = np.outer(radii, radii) * (together**2 + own**2 * np.eye(2))
+    monkeypatch.setattr(output, "estimate_model_sd", lambda *_: 0.1)
+    result = SimpleNamespace(
+        problem=SimpleNamespace(names=list(prior.names), leans=0),
+        fit=CarFit(prior.mean, np.zeros(0), covariance, prior.mean, {}, [], ([], []), None),
+        vehicle=make_default_vehicle(),
+        config=config,
+        own=False,
+    )
+    assert output.collect_uncertainty(result)["wheel_radius_sd"] == pytest.approx(np.sqrt(2) * own)
 
 
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
