@@ -130,6 +130,18 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     np.testing.assert_allclose(stiffness, 0.0, atol=1e-12)
 
 
+def test_value_and_interval_of_a_number_are_said_in_one_unit(calibrated: tuple[Path, Result]) -> None:
+    """Latencies in ms, the others in the unit of the setting."""
+    findings = json.loads(calibrated[0].with_suffix(".json").read_text())["findings"]
+    shown = [f for f in findings if f["shown"]]
+    assert {f["unit"] for f in shown} > {"s", "m"}
+    for f in shown:
+        by, digits = (1000, ".1f") if f["name"].endswith("_latency") else (1, ".4g")
+        value, low, high = (f"{by * (f['value'] + side * 1.96 * f['sd']):{digits}}" for side in (0, -1, 1))
+        assert f": {value} " in f["words"].replace(",", " "), f["words"]
+        assert f"95 % interval {low} .. {high}" in f["words"], f["words"]
+
+
 def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> None:
     """An error of yaw_rate lasts 0.4 s.
 

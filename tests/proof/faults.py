@@ -151,7 +151,6 @@ class TreeCourt:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._passed: set[tuple[str, ...]] = set()
         self._configured = False
         self._copy()
 
@@ -195,15 +194,13 @@ class TreeCourt:
             path.write_text(text, encoding="utf-8")
 
     def judge(self, fault: HandFault) -> tuple[str, str]:
-        """Return stillborn, found or survived, and the test that has found it."""
+        """Return stillborn, found or survived, and the test that has found it.
+
+        SystemExit: this test fails without the fault, too.
+        """
         of_fmu = fault.file.startswith("fmu/")
         if of_fmu and not self._configured:
             self._configure()
-        if fault.tests not in self._passed:
-            verdict, by = self._run_tests(fault.tests)
-            if verdict != "survived":
-                raise SystemExit(f"faults: {by or fault.tests} fails without any fault")
-            self._passed.add(fault.tests)
         with self.put_in(fault):
             if fault.file.endswith(".py"):
                 try:
@@ -214,10 +211,13 @@ class TreeCourt:
                 verdict, by = self._run_units()
                 if verdict != "survived":
                     return verdict, by
-            return self._run_tests(fault.tests)
+            verdict, by = self._run_tests(fault.tests)
+        if verdict == "found" and self._run_tests([by] if by else fault.tests)[0] == "found":
+            raise SystemExit(f"faults: {by or fault.tests} fails without any fault")
+        return verdict, by
 
     def _run_tests(self, tests: Sequence[str]) -> tuple[str, str]:
-        """Run Python test files until a test fails."""
+        """Run Python tests until one fails; one that does not end fails."""
         scratch = self.folder / BUILT / "pytest"
         code, said = run_within(
             [*PYTEST, "-x", "-q", "-p", "no:cacheprovider", "--basetemp", scratch, *tests],
@@ -229,8 +229,8 @@ class TreeCourt:
             return "survived", ""
         if code is not None and code > 2:  # no test at all, or wrong arguments
             raise SystemExit(f"faults: pytest {' '.join(tests)} ends with {code}:\n{said[-2000:]}")
-        by = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-        return "found", by[1] if by else ("it does not end" if code is None else "")
+        by = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE)
+        return "found", by[1] if by else ""
 
     def _configure(self) -> None:
         """Compile the unit tests of the FMUs, and run them without a fault."""
@@ -386,6 +386,7 @@ def main() -> int:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     given: Any = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what it has started ends, too
     courts, verdicts = Courts(given.compiler), Verdicts(WORK / "verdicts.json", given.again)
     missed, parts = 0, ["# Faults put in by hand\n", "`.venv/bin/python tests/proof/faults.py --write`\n"]
     for each in (x for x in LISTS if given.list in (None, x.file.stem)):
