@@ -239,14 +239,19 @@ def test_all_public_databases_are_read():
         assert read_database(path, []), path
 
 
-def test_what_a_database_says_of_values_is_used(trip, tmp_path):
-    """A code for "not available" is missing in a measurement; a state keeps its codes."""
+@pytest.mark.parametrize("offset", ["0", "-50"])
+def test_what_a_database_says_of_values_is_used(offset, trip, tmp_path):
+    """A code for "not available" is missing in a measurement; a state keeps its codes.
+
+    Codes are raw values, before factor and offset of the signal.
+    """
     sent = encode_frames(trip[:300])
     lost = [100, 101, 250]
     for i in lost:
         t, identifier, data = sent[3 * i]
         sent[3 * i] = t, identifier, b"\xff\x7f" + data[2:]
-    text = DBC + 'VAL_ 100 YawRate 32767 "SNA" ;\nVAL_ 100 ESC_1_Qualifier 0 "valid" 3 "not_available" ;\n'
+    text = DBC.replace("SG_ YawRate : 0|16@1- (0.01,0)", f"SG_ YawRate : 0|16@1- (0.01,{offset})")
+    text += 'VAL_ 100 YawRate 32767 "SNA" ;\nVAL_ 100 ESC_1_Qualifier 0 "valid" 3 "not_available" ;\n'
     log = read_recording(write_candump(tmp_path / "drive.log", sent, text))
     yaw = log.channels["ESC_1.YawRate"]
     assert list(np.flatnonzero(np.isnan(yaw.value))) == lost
