@@ -288,6 +288,21 @@ def test_times_that_jitter_are_taken_as_they_are():
     assert np.std(resample(t, np.sin(2 * np.pi * t), time, 100.0) - np.sin(2 * np.pi * time)) < 1e-4
 
 
+def test_a_held_channel_has_its_last_value_and_none_before_the_first():
+    t, x = np.array([1.0, 2.0, 5.0]), np.array([10.0, 20.0, 30.0])
+    at = np.array([0.99, 1.0, 1.99, 2.0, 4.99, 5.0, 9.0])
+    np.testing.assert_array_equal(raster.hold(t, x, at), [np.nan, 10, 10, 20, 20, 30, 30])
+
+
+def test_a_switch_changes_in_the_row_of_its_entry_and_has_nothing_in_between():
+    found = make_channels()
+    t = np.arange(0, 30, 0.1)  # ten times slower than the rows
+    found["brake"] = Series("brake", t, np.where((t > 9.95) & (t < 14.95), 1.0, 0.0))
+    rows = resample_channels(found, None)
+    expected = (rows.time > 9.995) & (rows.time < 14.995)
+    np.testing.assert_array_equal(rows.value["brake"], expected.astype(float))
+
+
 def test_held_values_are_entries_where_they_are_new():
     held = np.repeat(np.sin(np.arange(0, 20, 0.05)), 5)
     t, x = select_entries(Series("steer_angle", np.arange(len(held)) * 0.01, held))
