@@ -81,6 +81,7 @@ class HandFault:
     line: int
     tests: tuple[str, ...]  # Python test files of the area
     since: str  # the test that was written because this fault survived; empty: found at first
+    also: str  # a test file that was not named for the fault before it was first tried
 
     @property
     def in_core(self) -> mutation.Fault:
@@ -106,10 +107,9 @@ def read_faults(file: Path) -> list[HandFault]:
                 f"{row['file']} has {row['old']!r} {text.count(row['old'])} times: {row['what']}"
             )
         line = text.count("\n", 0, text.index(row["old"])) + 1
-        tests = tuple(row.get("tests", ()))
-        found.append(
-            HandFault(row["what"], row["file"], row["old"], row["new"], line, tests, row.get("since", ""))
-        )
+        since, also = row.get("since", ""), row.get("also", "")
+        tests = (*row.get("tests", ()), *([also] if also else []))
+        found.append(HandFault(row["what"], row["file"], row["old"], row["new"], line, tests, since, also))
     return found
 
 
@@ -358,20 +358,25 @@ def count_found(done: Sequence[tuple[HandFault, str]]) -> int:
 
 def format_table(about: FaultList, done: Sequence[tuple[HandFault, str]]) -> str:
     """Return the table of a list in Markdown."""
-    found = count_found(done)
-    at_first = sum(verdict.startswith("found") and not f.since for f, verdict in done)
-    since = f" {at_first} of them at first, the others after a new test." if at_first < found else ""
+    found = [f for f, verdict in done if verdict.startswith("found")]
+    after, beside = sum(bool(f.since) for f in found), sum(bool(f.also) for f in found)
+    parts = [f"{len(found) - after - beside} at first"]
+    parts += [f"{beside} by tests in files that were not named for it"] if beside else []
+    parts += [f"{after} after a new test"] if after else []
     lines = [
-        f"{len(done)} faults of {about.file.name}, {about.about}.",
+        f"## {about.file.name}",
         "",
-        f"**{found} of {len(done)} found.**{since}",
+        f"{len(done)} faults {about.about}.",
+        "",
+        f"**{len(found)} of {len(done)} found**: {', '.join(parts)}.",
         "",
         "| file and line | fault | |",
         "|---|---|---|",
     ]
     for f, verdict in done:
-        new = f" after a new test: {f.since}" if f.since else ""
-        lines.append(f"| {f.file}:{f.line} | {f.what} | {verdict}{new} |")
+        how = f" after a new test: {f.since.split('::')[1]}" if f.since else ""
+        how += f" in {f.also}, not named at first" if f.also else ""
+        lines.append(f"| {f.file}:{f.line} | {f.what} | {verdict}{how} |")
     return "\n".join(lines) + "\n"
 
 

@@ -127,7 +127,7 @@ def test_a_fault_of_python_is_judged_in_a_copy(tmp_path, monkeypatch):
     court = make_tree_court(tmp_path, monkeypatch, "assert double(0) == 0 and double(3) == 6")
 
     def make(new):
-        return faults.HandFault("", "scripts/double.py", "x * 2", new, 2, ("test_double.py",), "")
+        return faults.HandFault("", "scripts/double.py", "x * 2", new, 2, ("test_double.py",), "", "")
 
     found = [court.judge(make(new))[0] for new in ("x + 2", "2 * x", "x *")]
     assert found == ["found", "survived", "stillborn"]
@@ -139,7 +139,7 @@ def test_a_fault_of_python_is_judged_in_a_copy(tmp_path, monkeypatch):
 @pytest.mark.skipif(not shutil.which("git"), reason="git is not installed")
 def test_tests_that_fail_without_a_fault_judge_nothing(tmp_path, monkeypatch):
     court = make_tree_court(tmp_path, monkeypatch, "assert double(3) == 7")
-    wrong = faults.HandFault("", "scripts/double.py", "x * 2", "x + 2", 2, ("test_double.py",), "")
+    wrong = faults.HandFault("", "scripts/double.py", "x * 2", "x + 2", 2, ("test_double.py",), "", "")
     with pytest.raises(SystemExit, match="fails without any fault"):
         court.judge(wrong)
 
@@ -158,7 +158,7 @@ def test_a_verdict_is_kept_until_the_file_or_a_test_changes(tmp_path, monkeypatc
     monkeypatch.setattr(faults, "ROOT", tmp_path)
     for name in ("module.py", "test_module.py"):
         (tmp_path / name).write_text("x = 1\n")
-    fault = faults.HandFault("", "module.py", "1", "2", 1, ("test_module.py",), "")
+    fault = faults.HandFault("", "module.py", "1", "2", 1, ("test_module.py",), "", "")
     kept, found = tmp_path / "kept.json", ("found", "test_module.py::test_x")
     key = faults.Verdicts.make_key(fault)
     faults.Verdicts(kept, again=False).keep(key, *found)
