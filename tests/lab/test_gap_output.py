@@ -231,7 +231,11 @@ def test_picture_is_a_png(case):
     assert (case.out / "gap.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_nothing_hidden_is_exit_0(tmp_path):
+def test_nothing_hidden_is_exit_0_and_nothing_of_an_earlier_run_is_left(tmp_path):
+    stale = [tmp_path / "out" / name for name in ("formula.toml", "tse_formula.h", "road.csv", "road_2.csv")]
+    (tmp_path / "out").mkdir()
+    for path in stale:
+        path.write_text("of another car\n")
     vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed)
@@ -241,6 +245,7 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
     assert "[effects" not in text and "could not show, even at" in done.out
+    assert not [p.name for p in stale if p.exists()]
 
 
 @pytest.mark.parametrize(("args", "text"), [

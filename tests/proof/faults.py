@@ -108,7 +108,7 @@ def read_faults(file: Path) -> list[HandFault]:
             )
         line = text.count("\n", 0, text.index(row["old"])) + 1
         since, also = row.get("since", ""), row.get("also", "")
-        tests = (*row.get("tests", ()), *([also] if also else []))
+        tests = (*([also] if also else []), *row.get("tests", ()))
         found.append(HandFault(row["what"], row["file"], row["old"], row["new"], line, tests, since, also))
     return found
 
