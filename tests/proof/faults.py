@@ -25,6 +25,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -366,7 +367,7 @@ def format_table(about: FaultList, done: Sequence[tuple[HandFault, str]]) -> str
     lines = [
         f"## {about.file.name}",
         "",
-        f"{len(done)} faults {about.about}.",
+        *textwrap.wrap(f"{len(done)} faults {about.about}.", 90),
         "",
         f"**{len(found)} of {len(done)} found**: {', '.join(parts)}.",
         "",

@@ -417,6 +417,31 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
   }
 }
 
+/* The time without a wheel speed begins anew with each one: twelve seconds in holes of two
+ * do not lose the motion, and a hole longer than ROAD_TIME does, until a wheel speed comes. */
+static void test_only_a_long_hole_in_the_wheel_speeds_loses_the_motion(void)
+{
+  const uint32_t wheels = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear;
+  tse_output y;
+  start(a_car(), 20, 0, 5);
+  (void)drive(1000);
+  for (int n = 0; n < 6 * 400; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    if (n % 400 < 200) u.missing |= wheels;
+    step(&w.p, u, &y);
+    TEST_ASSERT_TRUE(!f.lost);
+  }
+  for (int n = 0; n < 900; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.missing |= wheels;
+    step(&w.p, u, &y);
+    const double off = 0.01 * (n + 1) - number(ROAD_TIME);
+    if (fabs(off) > 0.02) TEST_ASSERT_EQUAL_INT(off > 0, f.lost); /* sums of dt are rounded */
+  }
+  (void)drive(2);
+  TEST_ASSERT_TRUE(!f.lost);
+}
+
 /* Wheel speeds of zero - locked on ice, below the sensor's resolution, lost on the bus -
  * while the car turns. */
 static void test_a_car_that_turns_on_wheels_that_stand_is_no_bias_of_the_gyro(void)
