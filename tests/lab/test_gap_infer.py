@@ -674,7 +674,7 @@ def test_a_parameter_that_changes_nothing_keeps_the_sd_of_its_prior(late: Proble
     idle = CatalogueParameter(
         "formula_a", "a", True, "1", 0.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere", 0.3
     )
-    found = gap_fit(late, [*STIFFNESS, idle], {})
+    found = gap_fit(late, [*STIFFNESS_PARAMETERS, idle], {})
     covariance = compute_covariance(late, found)
     assert np.sqrt(covariance[-1, -1]) == pytest.approx(0.3)
     assert not covariance[-1, :-1].any()  # nothing of it is in the stiffness
