@@ -287,7 +287,7 @@ class Problem:
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
-    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+    def simulate_channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Return the block means of simulated quantities, one for each entry of the
         residual vector: the means of a log are repeated for each of its channels.
         """

@@ -328,18 +328,18 @@ class Probability:
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
-    def spread(self, search: Search, named: Judged) -> np.ndarray:
+    def compute_spread(self, search: Search, named: Judged) -> np.ndarray:
         """Return the covariance of ln stiffness between the sets, weighted by their
         probability, about the stiffness of the set `named`.
         """
-        sets = search.all()
+        sets = search.list_judged()
         away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
         return sum(
             (p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()),
             np.zeros((len(STIFFNESS_PARAMETERS),) * 2),
         )
 
-    def sets(self) -> list[dict]:
+    def list_sets(self) -> list[dict]:
         """Return ids and probability of at most MAX_SETS of the most probable sets."""
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]

@@ -101,7 +101,7 @@ class Worlds:
         """Return the total probability of the worlds in which this effect is named."""
         return sum(w.probability for w in self.known if effect in w.names)
 
-    def best(self) -> World:
+    def find_best(self) -> World:
         """Return the most probable of the worlds in which every named effect has a
         with_name() of at least NAME_AT.
         """

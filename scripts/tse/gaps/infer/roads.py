@@ -66,7 +66,7 @@ class Roads:
     fit: CarFit | None = None
     laps: Laps | None = None
 
-    def profiles(self) -> list[Road]:
+    def list_roads(self) -> list[Road]:
         """Return the roads that were found, in the form that is written to road.csv."""
         if self.laps is None or self.fit is None:
             return []

@@ -379,12 +379,12 @@ class Search:
         """Return ids of a set -> probability, for all sets that were judged. The sum is
         1.
         """
-        sets = self.all()
+        sets = self.list_judged()
         ln = np.array([j.evidence for j in sets.values()])
         weight = np.exp(ln - ln.max())
         return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
-    def all(self) -> dict[frozenset[str], Judged]:
+    def list_judged(self) -> dict[frozenset[str], Judged]:
         """Return ids of a set -> set, for all sets that were judged. Fits have priority
         over approximations.
         """

@@ -48,7 +48,7 @@ class Posterior:
         """Ratio of each stiffness to its value in the vehicle file."""
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
-    def sd(self, name: str) -> float:
+    def compute_sd(self, name: str) -> float:
         """Return the sd of a parameter.
 
         For a parameter in SCALE_PARTNERS (the scale of accel_y), return the sd of its sum
