@@ -65,7 +65,8 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
  *   Given:     at     index of the row
  *              back   1: search older rows; 0: search newer rows
  *              rows   number of rows to search
- *   Updated:   apart  [s] time from a reference row; in: to row `at`; out: to that found
+ *   Updated:   apart  [s] in: time from a reference row to row `at`; out: time from the
+ *                     reference row to the row of the value
  *   Returned:  1 and *value; 0 if there is no value within MAX_HOLE */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
@@ -82,12 +83,12 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If
- * only one of the two rows has the channel, the row that is nearer in time decides. If
- * the nearer row lacks the channel, the result is missing. Otherwise interpolate from
- * the nearer row to the next row beyond the other one that has the channel, or take
- * the value of the nearer row. A channel that is logged in every second row is thus
- * known in every second row.
+/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If only
+ * one of the two rows has the channel, and it is not the row that is nearer in time, the
+ * result is missing. If it is the nearer row, search beyond the other row for the next
+ * row that has the channel, and interpolate between the nearer row and this one. If there
+ * is none within MAX_HOLE, take the value of the nearer row. A channel that is logged in
+ * every second row is thus known in every second row.
  *   Given:     share  weight of the newer row
  *   Returned:  as read_channel() */
 static int interpolate_rows(

@@ -17,7 +17,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-  /* an input out of range is refused; a measurement out of range counts as missing */
+  /* a row is refused if an input (steering angle, wheel speed) is out of range; a
+   * measurement out of range counts as missing */
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     const channel_row *const row = &channel_rows[k];
     const tse_real x = channel_at(u, row);

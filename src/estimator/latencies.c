@@ -2,9 +2,9 @@
  * latencies of the channels. */
 #include "estimator/settings.h"
 
-/* Number of rows stored in addition to the span of the latencies: one before it and one
- * after it, and two that allow rows up to 7 % closer together than the sample time (28 of
- * at most 30 rows). */
+/* Number of rows stored in addition to the span of the latencies: one before it, one
+ * after it, and two because rows may be closer together than the sample time. With 30
+ * rows for a span of 28 sample times, rows may be 7 % closer together. */
 #define ROWS_TO_SPARE 4
 
 #if TSE_LATENCY_ROWS == 0

@@ -45,11 +45,11 @@ static uint32_t compute_fingerprint(const tse_config *c)
   return mix_word(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting of an effect that defines relative stiffness into the fingerprint,
- * if the effect is active. An inactive effect does not change the fingerprint, so
- * that learnt states saved before the effect existed stay valid. The value is
- * mixed in single precision, because builds of different number formats round
- * decimal numbers differently. */
+/* If an effect is active (on), mix the name and value of one of its settings into the
+ * fingerprint h. An inactive effect does not change the fingerprint, so that learnt
+ * states saved before the effect existed stay valid. The value is mixed in single
+ * precision, because builds of different number formats round decimal numbers
+ * differently. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -57,7 +57,9 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
   return mix_word(h, r_single_bits(value));
 }
 
-/* Return the fingerprint of the settings that define relative stiffness. */
+/* Return the fingerprint of the settings on which the meaning of a relative stiffness
+ * depends: vehicle, effects and formula. A learnt state is valid only for the same
+ * fingerprint. */
 static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
@@ -114,13 +116,14 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 }
 
 #if defined(TSE_REAL_FIXED)
-/* Limits of the constants in fixed point. A covariance in sigma^2 contains squares of
- * these quantities, up to FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10, and
- * an increment per row must be at least one step. */
+/* Limits of the constants in fixed point. The unit sigma is the sd of a sensor.
+ * Covariances in sigma^2 contain squares of the limited quantities, and are at most
+ * FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10. A variance that is added in
+ * each row must be at least one step. */
 #define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car, which is
                                        * enough for a slip of 10 % and a stiffness error of 30 % */
 #define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */
-#define MAX_BIAS_VAR TSE_R(16777216) /* [sigma^2] max initial bias variance, and max of its walk per second */
+#define MAX_BIAS_VAR TSE_R(16777216) /* [sigma^2] max initial variance of a bias, and max increase per second */
 #define MAX_NOISE TSE_R(65536) /* [1] max of noise_max squared */
 
 /* Return whether the increment per row of a positive rate is rounded to 0, because it is
@@ -180,8 +183,7 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
   const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span),
                     load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
-  /* friction is at most 50, the max of `grip`: with more the
-   * tyres are as good as linear */
+  /* friction is at most 50, the max of `grip`: the tyres are then practically linear */
   const tse_setting friction = c->grip > 0
       ? c->grip
       : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction)
@@ -283,8 +285,8 @@ static void prepare_car(const tse_config *c, tse_params *p)
   prepare_prior(c, p);
 }
 
-/* Compute the ratios of stiffness to mass, and those of axle distance
- * times mass to yaw inertia. */
+/* Compute the ratios stiffness/mass and (mass times distance of the axle)/(yaw inertia),
+ * and the relative variance of the mass. */
 static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -331,8 +333,9 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(compute_square(c->valid_sd));
 }
 
-/* Compute prior, memory and limits of form 1. Also compute the ageing of a learnt state
- * (learnt_floor, learnt_walk), which both forms use. */
+/* Compute prior, memory and limits of the particle filter (form 1). Also compute the
+ * constants of the ageing of a learnt state (learnt_floor, learnt_walk), for both
+ * forms. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = compute_square(c->initial_spread);

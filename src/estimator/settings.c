@@ -164,8 +164,8 @@ static int is_formula_valid(const tse_config *c)
 }
 #endif
 
-/* Return the first setting that is out of range after values of the vehicle class have
- * replaced those that are 0, or NULL. */
+/* Replace settings that are 0 by the values of the vehicle class, in a copy. Return the
+ * first setting of the copy that is out of range, or NULL. */
 static const char *find_outside_of_class(const tse_config *c)
 {
   tse_config whole = *c;

@@ -11,7 +11,7 @@
 
 static inline tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
-/* settings.c: return the bits of the active effects, whose strength is not 0. */
+/* settings.c: return a bit mask of the active effects: those whose strength is not 0. */
 uint64_t find_active_effects(const tse_config *c);
 
 #if !defined(TSE_NO_EFFECTS)
@@ -20,8 +20,9 @@ void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS]);
 #endif
 
 /* latencies.c: check that the filter stores enough rows for the span of the latencies.
- *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the latency furthest from 0. In
- *              a build that allows no latencies, the first one that is not 0 */
+ *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the name of the latency furthest
+ *              from 0. In a build that allows no latencies, *wrong is the name of the
+ *              first latency that is not 0 */
 tse_status check_latencies(const tse_config *c, const char **wrong);
 
 /* latencies.c: compute the age of a row when it is processed, and the age of the value of

@@ -16,7 +16,7 @@ typedef struct sample {
   tse_real y[3];      /* [sigma] accel_x, accel_y, yaw rate, divided by their sds; 0 if unused */
   tse_real use[3];    /* 1: used; 0: missing */
   tse_real lost[3];   /* [1] share of the noise variance lost by interpolation (align.c) */
-  int32_t used;       /* number of accel_x, accel_y, yaw rate that are used */
+  int32_t used;       /* number of measurements used: 0 .. 3 */
   int32_t has_inputs; /* 1: the row gives steering angle and both wheel speeds */
   int32_t has_steer;  /* 1: the row gives the steering angle */
 } sample;
@@ -40,11 +40,13 @@ void start_of_settings(const tse_params *p, tse_start *s);
  * must be filled with 0. */
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
-/* paper/row.c: step of the particle filter. f is part of a tse_filter_paper. */
+/* paper/row.c: process a row with the particle filter. f must be the first member of a
+ * tse_filter_paper. */
 tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
 
 /* paper/estimate.c: report the present estimates of the particle filter.
- *   Returned:  lam  weighted mean of Lambda/nu over the particles
+ *   Returned:  lam  upper triangle, by rows, of the weighted mean of Lambda/nu over the
+ *                   particles (Lambda, nu: symbols of the paper)
  *              nu   degrees of freedom */
 void report_particles(
     const tse_params *p, const tse_filter *f, tse_output *now, tse_real lam[6], tse_real *nu);

@@ -12,9 +12,10 @@
  * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if its
  * own probability is below BELIEVED: the state is shifted, and its covariance is
  * increased by the variances of the kind. A hypothesis that is discarded is merged into
- * the state with its probability. After a change the car may return to the previous road,
- * as behind a patch of ice or water. The amplitude of this event is known, w = 1, and the
- * stiffness of the previous road is recalled. */
+ * the state with a weight that increases with its probability (compute_merge_weight()).
+ * After a change the car may return to the previous road, for example at the end of a
+ * patch of ice or water. The amplitude of this event is known, w = 1, and the stiffness
+ * of the previous road is recalled. */
 #include "filter/filter.h"
 
 /* A state that an event shifts, and the size of the shift at an amplitude of 1: `by` is
@@ -154,8 +155,8 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
  * hold a second amplitude. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
-/* Compute information and score of slot n. If the event has a second amplitude, integrate
- * it out. The prior of both amplitudes is N(0, 1).
+/* Compute information and score of the event in slot n. If the event has a second
+ * amplitude, integrate over this amplitude. The prior of both amplitudes is N(0, 1).
  *   Returned:  all members but amplitude and var */
 static event_posterior integrate_second(const tse_kalman *k, int n)
 {
@@ -204,7 +205,8 @@ enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
 /* Compute for each event in a the shift y of the innovation, and update its
  * sensitivity v to v - K y.
- *   Updated:  y  in: shift by the offset of a faulty sensor; out: shift in total */
+ *   Given:    all  number of states, including the extra states in use
+ *   Updated:  y    in: shift by the offset of a faulty sensor; out: shift in total */
 static void correct_together(
     tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
 {
@@ -241,7 +243,8 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
 }
 
 /* Return whether an event of this kind may be accepted because its sensor is frozen. This
- * needs that no channel is at fault yet: at most one is at a time. */
+ * is possible only while no channel is at fault, because the filter treats at most one
+ * channel as faulty at a time. */
 static int can_name_frozen(const tse_kalman *k, int32_t which)
 {
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
@@ -273,10 +276,10 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return the log2 likelihood ratio of slot n: its event to no event. If the event is a
- * faulty sensor, the ratio is at least the evidence that the sensor is frozen. For
- * SETTLE_TIME after a change of tyres the ratio of a fault is at most 0, because
- * innovations are large until the new stiffness is found. */
+/* Return log2 of the ratio of two likelihoods: that the event in slot n has happened, and
+ * that no event has. If the event is a faulty sensor, the ratio is at least the evidence
+ * that the sensor is frozen. For SETTLE_TIME after a change of tyres the ratio of a fault
+ * is at most 0, because innovations are large until the new stiffness is found. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -299,8 +302,8 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* the posterior mean square of the amplitude is compared with the min; without samples
-   * it is that of the prior */
+  /* compare the posterior mean square of the amplitude with the square of the min
+   * amplitude; without samples the posterior is the prior */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
@@ -362,7 +365,7 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   }
 }
 
-/* Open an event of a kind in slot n, and its second amplitude if it has one. */
+/* Open an event of this kind in slot n and, if it has one, its second amplitude. */
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   open_slot(p, k, n, which);

@@ -45,7 +45,7 @@ typedef struct decoded {
 } decoded;
 
 /* Kinds of events. The table in events.c describes each of them. A TSE_SMALL build has
- * only EVENT_ROAD and its second amplitude. */
+ * only EVENT_ROAD and EVENT_ROAD_AXLE_DIFF. */
 enum {
   EVENT_NONE,
   EVENT_ROAD,           /* a different road surface, which acts on all tyres */
@@ -86,12 +86,12 @@ typedef struct scalar {
 
 /* Posterior of the amplitude w of an event. The event shifts the state by w v, v being
  * the sensitivity of the state (tse_event.v). A change of the road has a second amplitude
- * w2, with the sensitivity v2. It is integrated out: given w, the mean of w2 is
- * beside - part w, so that the state shifts by w (v - part v2) + beside v2. */
+ * w2, with the sensitivity v2. Given w, the mean of w2 is beside - part w, so that the
+ * mean shift of the state is w (v - part v2) + beside v2. */
 typedef struct event_posterior {
-  tse_real amplitude, var;     /* mean and variance of w */
-  tse_real info, score;        /* information (1/variance) on w from the samples; their score */
-  tse_real part;               /* decrease of the mean of w2 per unit of w; 0 without w2 */
+  tse_real amplitude, var; /* mean and variance of w */
+  tse_real info, score;    /* information of the samples on w (1/variance); d ln(likelihood)/dw at w = 0 */
+  tse_real part;           /* decrease of the mean of w2 per unit of w; 0 without w2 */
   tse_real beside, beside_var; /* mean of w2 at w = 0, and its variance given w; 0 without w2 */
   const tse_event *second;     /* event of w2, with v2; NULL without w2 */
 } event_posterior;
@@ -226,8 +226,10 @@ tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift
 /* Restart the estimate of the slip stiffness at LCX after an accepted change of tyres,
  * because the model error on the new road is unknown. Increase the variance of the
  * estimate by as much as the change has increased the variance of LCX. If the change is a
- * return to the previous road, restore the estimate for that road instead.
- *   Given:  before  variance of LCX before the change [unit^2] */
+ * return to the previous road (which = EVENT_ROAD_RETURN), restore the estimate for that
+ * road instead.
+ *   Given:  which   kind of the event: EVENT_ROAD ...
+ *           before  variance of LCX before the change [unit^2] */
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
 
 /* ---------------------------------------------------------------------------- start.c */
@@ -346,7 +348,7 @@ int32_t velocity_fault(const tse_kalman *k);
 /* Return the model discrepancy of the lateral speed [m/s]. */
 tse_real velocity_discrepancy(const tse_kalman *k);
 
-/* Return the variance of the lateral speed plus its model discrepancy [m2/s2]. */
+/* Return the variance of the sum of lateral speed and its model discrepancy [m2/s2]. */
 tse_real velocity_across_var(const tse_kalman *k);
 
 /* --------------------------------------------------------------------------- update.c */
@@ -360,17 +362,18 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* ------------------------------------------------------------------------ backwards.c */
 
-/* Return whether the car rolls backwards, for wheel speeds that may have no sign.
+/* Return whether the car rolls backwards. The wheel speeds need not have a sign.
  *   Given:     z      this row
- *              speed  magnitude: of the faster axle or, without wheel speeds, of v_x
+ *              speed  [m/s] magnitude of the speed of the faster axle or, without wheel
+ *                     speeds, |v_x|
  *   Updated:   f->way
  *   O(1) time */
 int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed);
 
 /* ------------------------------------------------------------------------ plausible.c */
 
-/* Process a row for the test whether the channels agree. The test finds wrong
- * units, signs and axles.
+/* Compare the channels of a row with each other, to find channels with a wrong unit or
+ * sign, and wheel speeds of the wrong axle.
  *   Given:     no_second  1: only one wheel speed is measured, so that the speeds of the
  *                         axles are not compared
  *   Updated:   k->agreement

@@ -11,12 +11,12 @@
 #define STILL_SPEED TSE_R(0.02)         /* [m/s] max measured speed of a wheel that stands still */
 #define JUMP_RATE TSE_R(100)            /* [m/s2] max rate at which a wheel can gain speed */
 #define MAX_TURN_SLIP_ANGLE TSE_R(0.1)  /* [rad] max slip angle in a steady turn: beyond it tyres slide */
-#define TRACK_SHARE TSE_R(0.02)         /* [1] sd of the front wheel speed / (v sin^2(d)), v: speed of the
+#define TRACK_SHARE TSE_R(0.02)         /* [1] (sd of the front wheel speed)/(v sin^2(d)). v: speed of the
                                          * car, d: steering angle. The model has one front wheel, but the two
                                          * front wheels of a car steer by different angles (Ackermann) */
-#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii with which
-                                         * the longitudinal stiffness may be valid. If 3 prior sds of the
-                                         * ratio are larger, they are the limit */
+#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii. If the error
+                                         * is larger, the longitudinal stiffness is not valid. If 3 prior sds
+                                         * of the ratio are more than 0.01, they are the limit instead */
 #define MAX_LOG_CHANGE TSE_R(3)         /* [1] max change of the logarithm of a stiffness: a factor of 20 */
 #define SLIP_EVENT_SD TSE_R(0.1)        /* [1] sd of the slip of wheels that begin to lock or spin */
 #define STEER_FAULT_SD TSE_R(0.05)      /* [rad] sd of the offset of a faulty steering angle */
@@ -44,7 +44,8 @@
                                          * higher rate the motion is mostly initialised from the sensors
                                          * and hardly filtered */
 #define STILL_TIME MODEL_TIME           /* [s] time for which all wheels must be slower than STILL_SPEED
-                                         * before the car counts as at rest. Its body may swing until then */
+                                         * before the car counts as at rest. Until then the body of the car
+                                         * may still swing */
 #define OPEN_TIME MODEL_TIME            /* [s] interval at which a new hypothesis of each kind of event is
                                          * opened (events.c). An event in between is explained by the
                                          * hypothesis opened before it or after it */
@@ -150,7 +151,7 @@
 #define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a covariance of the wrong
                                          * sign is a disagreement, for pairs whose signal is small compared
                                          * with their noise */
-#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car counts as driving. Below it
+#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car is assumed to drive. Below it
                                          * the car may brake */
 #define SLIPPING TSE_R(0.03)            /* [1] max relative speed difference of the axles. Beyond it wheels
                                          * spin or lock, and do not measure the speed of the car */
@@ -189,14 +190,14 @@
 #define COMPLETE_TIME TSE_R(1)          /* [s] time for which accel_y, yaw rate and steering angle must be
                                          * present before latencies are estimated: 4 SMOOTH_TIME, in which
                                          * their low passes settle */
-#define LATE_TIME TSE_R(15)             /* [s] min averaging time (with forgetting) of the pairs ACROSS and
-                                         * TURNING_BY before a latency is reported: 28 s of driving, in which
-                                         * there are several bends */
-#define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation (time integral of the squared
-                                         * jerk) for a latency: two minutes on a motorway, five
+#define LATE_TIME TSE_R(15)             /* [s] min averaging time of the pairs ACROSS and TURNING_BY before a
+                                         * latency is reported. Because old samples are forgotten, it takes
+                                         * 28 s of driving to reach it. These contain several bends */
+#define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation (time integral of the squared jerk) before a
+                                         * latency is reported. It takes two minutes on a motorway, and five
                                          * seconds on a mountain road */
-#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation for a latency of accel_y: two corners in
-                                         * a town. A single corner that is banked has the effect of a
+#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation before a latency of accel_y is reported: two
+                                         * corners in a town. A single corner that is banked has the effect of a
                                          * latency of 0.2 s */
 #define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three times the sd of an estimated latency,
                                          * multiplied by the square root of its excitation. Measured on the

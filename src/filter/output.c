@@ -209,7 +209,7 @@ static int is_misfit(const tse_kalman *k, int channel)
       || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], MIN_SLOW_VAR));
 }
 
-/* Return TSE_VALID, or the first reason that applies why an estimate is not valid.
+/* Return TSE_VALID or, if the estimate is not valid, the first reason that applies.
  *   Given:  sd, mean  of the estimate
  *           at        index of its state */
 static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const row_class *w,
@@ -233,8 +233,8 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
 }
 
 /* Return whether the estimated wheel radii differ from the settings by more than their
- * prior allows. Before the filter had found these radii, the longitudinal stiffness has
- * absorbed a part of the difference. */
+ * prior allows. Until the filter found these radii, the longitudinal stiffness absorbed a
+ * part of the difference, and is therefore wrong. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
@@ -268,7 +268,7 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   }
   out->grip_reason = (int32_t)find_reason(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0)))
-    out->grip_reason = TSE_NOT_EXCITED; /* it is a setting and not estimated */
+    out->grip_reason = TSE_NOT_EXCITED; /* the grip is a setting and not estimated */
 }
 
 /* Kinds of uncertainty: the mass, the model error, a consider parameter, a state. */

@@ -1,18 +1,20 @@
 /* filter/plausible.c - test whether the channels agree. It finds wrong
  * units, signs and axles.
  *
- * Such an error is a factor between two quantities that physics makes equal. Both
- * quantities of such a pair are low-passed. Their means, variances and covariance are
- * estimated over USUAL_TIME of driving. Biases go into the means. The factor is the root
- * of the ratio of the variances, with the sign of the covariance. While a pair disagrees,
- * its means and variances are estimated over the shorter ROAD_TIME, so that data from a
- * road on which the pair cannot agree, such as ice, are soon forgotten.
+ * The test uses pairs of quantities that are equal by the laws of physics. An error
+ * multiplies one quantity of a pair by a factor. Both quantities are low-passed. Their
+ * means, variances and covariance are estimated over USUAL_TIME of driving. Biases change
+ * only the means. The factor is the root of the ratio of the variances, with the sign of
+ * the covariance. While a pair disagrees, its means and variances are estimated over the
+ * shorter ROAD_TIME, so that data from a road on which the pair cannot agree, such as
+ * ice, are soon forgotten.
  *
  * A small factor of the speed alone cannot be found from one pair, because roll and pitch
- * have effects of the same size. (km/h in place of rad/s gives a factor of 3.6 wheel
- * radii: 1.0 .. 1.3.) It is found from two pairs together. If the speed v is too large,
- * so are two ratios: v r / accel_y, r being the yaw rate, and rate of v / accel_x. Their
- * product is the squared factor. A latency of the accelerometers cancels in it. */
+ * have effects of the same size. (km/h in place of rad/s gives a factor of 3.6 times the
+ * wheel radius in m: 1.0 .. 1.3.) It is found from two pairs together. If the speed v is
+ * too large by a factor, so are two ratios: (v r)/accel_y, r being the yaw rate, and
+ * (rate of v)/accel_x. Their product is the square of the factor. A latency of the
+ * accelerometers cancels in this product. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
@@ -55,7 +57,9 @@ static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R
 
 /* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
  * large enough for a decision. While a pair disagrees, its variance counts as if it were
- * estimated over USUAL_TIME, as for the other pairs. */
+ * estimated over USUAL_TIME, as for the other pairs.
+ *   Given:  first  variance of the first quantity, from compute_explainable()
+ *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
   const int may_have_factor = which == ACROSS || which == TURNING_BY || which == ALONG;
@@ -72,7 +76,7 @@ static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 
 /* Return whether the two quantities of a pair contradict each other: whether their
  * correlation is too weak or has the wrong sign, or their variances are too different.
- *   Given:  which   index of the pair, IN_BENDS ...
+ *   Given:  which   index of the pair, ACROSS ...
  *           first   [units of the pair] variance of the first quantity
  *           driven  driven axle: 1 front, 2 rear, 0 both or unknown */
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
@@ -224,10 +228,11 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 }
 
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
- * Return 0 if none is. Latencies are compared as products with their excitation
- * (`square`, `asked`). The sd of a latency decreases with the root of the excitation.
- * Soft tyres, or an IMU behind the centre of gravity, also delay accel_y. In every car
- * the yaw rate follows the steering angle. */
+ * Return 0 if none is. Each latency and its limit are compared after multiplication by
+ * the excitation (`square`, `asked`). The sd of a latency decreases with the root of the
+ * excitation. Soft tyres, or an IMU behind the centre of gravity, also delay accel_y. In
+ * every car the yaw rate follows the steering angle, so that the steering angle is late
+ * if it follows the yaw rate. */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;

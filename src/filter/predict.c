@@ -3,7 +3,8 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } }; /* slips by stiffness */
+  /* for each stiffness, the states that are its slips; -1: none */
+  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
     for (int n = 0; n < 2 && slip_states[a][n] >= 0; n++) {

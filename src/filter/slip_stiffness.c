@@ -1,8 +1,8 @@
 /* filter/slip_stiffness.c - longitudinal (slip) stiffness without model error. The state
  * LCX is the logarithm of the slip stiffness plus a longitudinal model error. This error
  * is constant with sd B; pitch, rolling radii and the form of the tyre curve cause it.
- * along_share() separates the two by the prior variance P of the slip stiffness and the
- * present variance V of LCX. */
+ * along_share() separates slip stiffness and error. It uses the prior variance P of the
+ * slip stiffness and the present variance V of LCX. */
 #include "filter/filter.h"
 
 void along_start(tse_kalman *k, tse_real var)

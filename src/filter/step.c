@@ -70,11 +70,12 @@ static void count_gaps(tse_filter *f, int gap, tse_real dt)
   f->gaps = gap ? r_min(f->gaps + TSE_R(1), MAX_SINCE) : r_mul(f->gaps, left);
 }
 
-/* Advance the timers [s], and store the wheel speeds for the next row:
+/* Store the wheel speeds for the next row, and advance the timers [s]:
  *   held_for    since the last row with a steering angle
  *   rolled_for  since the last row with a wheel speed
  *   still_for   since the wheels have stopped
- *   off_for     until wheel speeds that have differed may be one signal again
+ *   off_for     remaining time for which wheel speeds that have differed count as two
+ *               signals
  * If held_for or rolled_for becomes too long, the motion is lost, until a row has both
  * steering angle and wheel speed again. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)

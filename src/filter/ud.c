@@ -108,6 +108,7 @@ tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
 /* Add the part of c a a' that belongs to state j to element j of D, and to column j of W
  * (rows of the extra states).
+ *   Given:     up  log2 of the scale of a
  *   Updated:   a  elements of the extra states, less this part
  *              c  factor of the remainder
  *   Returned:  1 and the factors share, pull for column j of U; 0 if a_j is 0 */

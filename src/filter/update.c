@@ -66,8 +66,8 @@ static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
   return f->x + contradiction + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
-/* Return the freely rolling axle: as found from brake switch and wheel torques, otherwise
- * the undriven axle while the car does not brake. */
+/* Return the freely rolling axle. If brake switch or wheel torques determine it, return
+ * z->rolls. Otherwise return the undriven axle or, if the car brakes, ROLLS_NONE. */
 static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   if (z->rolls != ROLLS_UNKNOWN) return z->rolls;
@@ -129,8 +129,8 @@ static void predict_sensors(
   compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
 
-/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). They are
- * the excitation, with which the model discrepancy grows. Each square is multiplied by
+/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). The model
+ * discrepancy grows with these mean squares, the excitation. Each square is multiplied by
  * (force of linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation
  * the force depends on the form of the tyre curve, which is unknown. A minimum is added
  * to each mean square for wind, play and uneven roads. For a_x and a_y it is

@@ -82,8 +82,9 @@ static void keep_past(tse_kalman *k, tse_real dt)
 }
 
 /* Find the difference between the motion `late` seconds ago and the present one.
- *   Returned:  delta; and the time to which it refers [s]: `late`, or less if the stored
- *              motion does not reach back so far */
+ *   Returned:  [s] time before the row to which delta refers: `late`, or less if the
+ *              stored motion does not reach back so far
+ *              delta  the difference, as in tse_velocity.past */
 static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
@@ -329,7 +330,7 @@ void velocity_update(
     if (!(z->given >> c & 1u) || is_repeat) continue;
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    /* with a single wheel signal, its difference to the velocity may not be slip */
+    /* with one wheel signal, its difference from the velocity may not be slip */
     if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);

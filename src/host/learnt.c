@@ -6,9 +6,9 @@
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
 #define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
 #define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min of the setting initial_spread */
-#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] a larger one is limited: the covariance stays positive */
+#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays positive */
 #define DAY 86400u                        /* [s] */
-#define PLACES_KEPT 11                    /* means in a file: biases, stiffness, grip, steering, radius */
+#define PLACES_KEPT 11                    /* number of means in a file: biases, stiffness, grip, steering, radius */
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384                      /* the number 1 in units of 2^-14 */
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */
@@ -52,8 +52,8 @@ static int get_pair_index(int i, int j)
 
 /* ----------------------------------------------------------------------------- bytes */
 
-/* Compute the CRC-32 of IEEE 802.3, bit by bit: for one file in a drive, a table would
- * not be worth its memory. */
+/* Compute the CRC-32 of IEEE 802.3, bit by bit. A table would be faster, but needs
+ * memory, and only one file is read or written per drive. */
 uint32_t crc32_of(const uint8_t *bytes, size_t count)
 {
   uint32_t crc = 0xffffffffu;
@@ -167,7 +167,7 @@ static tse_status refuse(tse_status status, const char *what, const char **wrong
 }
 
 /* Read and check a file.
- *   Given:     vehicle  hash that the file must have
+ *   Given:     vehicle  fingerprint of the settings, which the file must contain
  *   Returned:  *c; *wrong  name of the wrong part, if the result is negative */
 static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, content *c, const char **wrong)
 {
@@ -373,12 +373,12 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 /* Set the prior of the particle filter to the aged state.
  *
  * In each particle the variance of a mean stiffness is gamma Sigma. gamma is the same for
- * all three stiffnesses. Where gamma Sigma is smaller than the variance of a mean, the
- * means of the particles are drawn with the missing variance (mu_sd). The variance of the
- * mean is also added to Sigma, and Sigma has the weight of initial_dof samples, so that
- * the particles can follow a changed road. In 8 drives that start on a road with 60 % of
- * the learnt stiffness, this reduces the rms errors of the three stiffnesses after
- * 10 .. 20 s from 5.2, 5.2, 10.9 % to 3.3, 4.0, 7.7 %. */
+ * all three stiffnesses. If gamma Sigma is smaller than the variance of the mean of a
+ * stiffness, this mean is drawn for each particle with the missing variance (mu_sd). The
+ * variance of the mean is also added to Sigma, and Sigma has the weight of initial_dof
+ * samples, so that the particles can follow a changed road. In 8 drives that start on a
+ * road with 60 % of the learnt stiffness, this reduces the rms errors of the three
+ * stiffnesses after 10 .. 20 s from 5.2, 5.2, 10.9 % to 3.3, 4.0, 7.7 %. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];

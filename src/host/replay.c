@@ -113,7 +113,7 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
       && fine;
 }
 
-/* Check the start and all rows, before the first row runs.
+/* Check the start and all rows, before the model processes the first row.
  *   Updated:  wrong  index of the wrong row, if wrong is not NULL */
 static tse_status check_rows(
     const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
@@ -127,7 +127,8 @@ static tse_status check_rows(
   return TSE_OK;
 }
 
-/* Return the inputs of row i. The steering angle is that after the INPUT effects.
+/* Return the inputs of row i. The steering angle is the logged one, changed by the
+ * effects of kind INPUT.
  *   Updated:  m */
 static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {

@@ -32,12 +32,13 @@ enum {
 #define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque (`still` of
                                * `wheels` in model/effects.h) */
 /* Limits of the motion. A step that exceeds them is refused, before numbers overflow.
- * Torques within their range need more than a minute to accelerate a real car to them. */
+ * With torques within their range, a real car takes more than a minute to reach these
+ * limits. */
 #define LOST_SPEED TSE_R(1000)     /* [m/s] */
 #define LOST_YAW_RATE TSE_R(200)   /* [rad/s] */
 #define LOST_WHEEL TSE_R(1e7)      /* [rad/s] wheel speed; on ice the max torque accelerates the lightest
                                     * wheels by 2e6 rad/s in a second */
-#define JUMP TSE_R(1e-6) /* [s] time in which a steering angle that is set after the last row is reached */
+#define JUMP TSE_R(1e-6) /* [s] time in which jump() turns the wheels to a changed steering angle */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -271,7 +272,7 @@ static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
   return effects_sense(pt, &sim->effects, dt);
 }
 
-/* Advance to the next row, except for the first one, and log it. */
+/* Log the next row. Advance the car to it first, unless it is the first row. */
 static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
   if (sim->step > 0) advance_to_row(sim, u);

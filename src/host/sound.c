@@ -7,7 +7,7 @@
 #include "tables/input.h"
 
 
-/* Return whether the prior of the next start is sound. */
+/* Return whether the initial estimate is sound. */
 static int is_start_sound(const tse_start *s)
 {
   int fine = sound_int(s->loaded, 0, 1);
@@ -97,7 +97,8 @@ static int is_agreement_sound(const tse_agreement *a)
   return fine;
 }
 
-/* Return whether the prior of the slip stiffness is sound. */
+/* Return whether the mean and variance from which the slip stiffness is estimated are
+ * sound. */
 static int is_along_sound(const tse_along *a)
 {
   return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);

@@ -9,9 +9,9 @@
 
 /* Max magnitudes of the numbers of a sound state: small enough that no computation
  * with them overflows.
- *   MOST_REAL      numbers
- *   MOST_SQUARE    covariances, effects, and numbers that are divided by the sd of a
- *                  sensor, which may be as small as 1e-5
+ *   MOST_REAL      all numbers but the following
+ *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by the
+ *                  sd of a sensor, which may be as small as 1e-5
  *   MOST_VARIANCE  variances, in squared units of the state. The variances of an unknown
  *                  motion are smaller. MOST_VARIANCE MOST_REAL^2 fits a float */
 #if defined(TSE_REAL_FIXED)
@@ -35,7 +35,7 @@ static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi
   return fine;
 }
 
-/* Return whether n elements of long vectors are in their range. */
+/* Return whether n elements of type tse_short are in their range. */
 static inline int sound_shorts(const tse_short *x, int n)
 {
   int fine = 1;

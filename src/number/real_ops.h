@@ -182,7 +182,7 @@ static inline tse_real evaluate_atan_series(tse_real z)
 
 #define REAL_ONE ((tse_real)1)
 #define REAL_LEAST_INT ((tse_real)-2147483648.0)
-#define REAL_WHOLE ((tse_real)((real_bits)1 << REAL_FRACTION)) /* all numbers from here on are integers */
+#define REAL_WHOLE ((tse_real)((real_bits)1 << REAL_FRACTION)) /* all larger numbers are integers */
 
 static inline real_bits bits_of(tse_real x)
 {

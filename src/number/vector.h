@@ -7,10 +7,10 @@
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
  * factor, which multiplies a whole row, is a mantissa of 31 bits and a shift, computed
  * once per row (r_factor). A product is then one of 32 x 32 bits, rounded once to
- * nearest. Sums of products are exact in 64 bits and rounded once. To use these bits, one
- * of the two rows of such a sum is scaled with a shift of its own (r_row, r_sparse).
- * Quotients with the same divisor share the reciprocal of this divisor (r_divisor); their
- * relative error is at most 2^-29.
+ * nearest. Sums of products are exact in 64 bits and rounded once. So that the products
+ * use most of the 64 bits, one of the two rows of such a sum is scaled by a power of two
+ * of its own (r_row, r_sparse). Quotients with the same divisor share the reciprocal of
+ * this divisor (r_divisor); their relative error is at most 2^-29.
  *
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
@@ -28,9 +28,9 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop processes together, element by element. It is a divisor of
- * the number `rows`. On a core without vector instructions, an element that these rows
- * share is then loaded only once. */
+/* Number of rows that one loop processes together, element by element: a divisor of the
+ * number `rows`. These rows are multiplied by the same row. On a core without vector
+ * instructions, each element of the same row is then loaded only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else

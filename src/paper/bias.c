@@ -1,7 +1,7 @@
-/* paper/bias.c - equations (18) and (19): sensor biases. Given the path of a
- * particle they are Gaussian, with one covariance P for all particles. P0, Q and R
- * are diagonal and each bias affects one channel, so that P stays diagonal: one
- * variance per channel. */
+/* paper/bias.c - equations (18) and (19): sensor biases. Given the path of a particle,
+ * the biases are Gaussian, with the same covariance P for all particles. The initial P,
+ * the process noise Q and the sensor noise R are diagonal, and each bias affects one
+ * channel. P therefore stays diagonal: one variance per channel. */
 #include "paper/paper.h"
 
 #define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias, for numerics */

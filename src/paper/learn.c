@@ -14,9 +14,9 @@
 #define TINY ((tse_real)16) /* 16 steps of the format: the root of less has too few digits */
 #endif
 
-/* Constants of the forgetting that depends on the innovations: lambda of gamma decreases
- * while low-passed innovations are larger than low-passed white noise. It is in use if
- * the setting `forgetting_change` is below `forgetting_mean`. */
+/* Constants of the adaptive forgetting: the forgetting factor lambda of gamma decreases
+ * while low-passed innovations are larger than low-passed white noise. Forgetting is
+ * adaptive if the setting `forgetting_change` is below `forgetting_mean`. */
 #define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
 #define USUAL_RATIO TSE_R(3) /* [1] ratio of the mean square of the low-passed innovations to that of
                               * low-passed white noise, up to which lambda does not change */
@@ -156,12 +156,12 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget old samples, equation (17): divide gamma by lambda, and multiply nu and
- * Lambda by lambda (lam = Lambda/nu does not change). The lambda of a row is
- * lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a
- * lambda of its own, which decreases while innovations are correlated. gamma is
- * limited to 1 or its initial value, whichever is larger, so that the mean is never
- * less certain than at this gamma. */
+/* Forget old samples, equation (17): divide gamma by the forgetting factor lambda, and
+ * multiply nu and Lambda by lambda (lam = Lambda/nu does not change). The lambda of a row
+ * is lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a lambda
+ * of its own, which decreases while innovations are correlated. gamma is limited to 1 or
+ * its initial value, whichever is larger, so that the mean is never less certain than at
+ * this gamma. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

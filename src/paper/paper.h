@@ -160,7 +160,8 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
  *   Returned:  log2 of the evidence of the sample, for SI units */
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
-/* Subtract the largest log-weight from all, and compute the weights 2^logw and log_total.
+/* Subtract the largest log-weight from all. Compute the weights 2^logw, and log_total,
+ * log2 of the sum of the weights.
  *   Returned:  the largest log-weight */
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
@@ -191,7 +192,8 @@ void paper_resample(const tse_params *p, tse_filter_paper *f);
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 
-/* Reorder ancestors so that each particle that has a copy keeps its place. */
+/* Reorder ancestors so that each particle that is an ancestor stays in its place.
+ *   Given:  copies  memory for n elements */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 
 /* Replace each of n particles by its ancestor. */
@@ -210,7 +212,8 @@ void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, con
 
 /* ------------------------------------------------------------------------------ row.c */
 
-/* Find the stiffnesses that recent inputs have excited. */
+/* Set excited[a] to 1 for each stiffness that recent inputs have excited, otherwise to
+ * 0. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 

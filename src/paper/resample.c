@@ -101,8 +101,9 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as in choose_residual() */
 }
 
-/* Reorder the ancestors so that particles with a copy keep their places. The copy then
- * needs no second buffer, because no place that is written is read again. */
+/* Reorder the ancestors so that each particle that is an ancestor stays in its place.
+ * paper_copy_particles() then needs no second buffer, because it reads only places that
+ * it does not change. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;

@@ -12,7 +12,7 @@
 /* Classification of a row. */
 typedef struct row_kind {
   int gap;            /* 1: too long after the previous row; the motion is initialised again */
-  int held;           /* 1: too slow, in reverse or at a large steering angle: (4) is not valid */
+  int held;           /* 1: too slow, in reverse or at a large steering angle: equation (4) is not valid */
   int predicted;      /* 1: an input or all measurements are missing */
   int32_t excited[3]; /* 1: the stiffness is excited */
 } row_kind;
@@ -30,9 +30,9 @@ static tse_real find_max_wheel_speed(const sample *y)
  * 1 + phi^2 spread^2, has the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)),
  * which must be below valid_sd^2. The result is used for validity only. The recent past
- * is two memories, because after a change the estimate of the velocity has a longer
- * memory than that of the stiffness. Regressors are low-passed first, because noise of a
- * wheel speed looks like slip but does not move the car. */
+ * is 2 `memory` samples long, because after a change the estimated velocity takes longer
+ * to settle than the estimated stiffness. Regressors are low-passed first, because noise
+ * of a wheel speed looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
@@ -88,7 +88,8 @@ static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *no
     for (int32_t i = 0; i < pad_count(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
 }
 
-/* Set the reason of each stiffness to the first that applies, and return the status. */
+/* Set the reason of each stiffness: TSE_VALID or, if it is not valid, the first reason
+ * that applies. Return the status of the row. */
 static tse_status judge_stiffness(
     const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
 {

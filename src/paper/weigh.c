@@ -22,8 +22,8 @@ static tse_real compute_gamma_ratio(tse_real x)
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
-/* Return log2 of the factor of the Student-t density that is common to all particles. d
- * is the number of channels used:
+/* Return log2 of the factor of the Student-t density that is common to all particles. If
+ * d channels are used, it is
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |P + R|^(-1/2),
  * divided by the product of the sds of the sensors, so that the
  * density is that in SI units. */
