@@ -548,9 +548,10 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
   }
 }
 
-/* Store the accepted change for the output, and the stiffness before it for a later
- * return. A change within SETTLE_TIME of the last one counts as part of it, unless it is
- * a return. A fault is withdrawn, because the change may have looked like a fault. */
+/* Store the accepted change for the output. Also store the stiffness before the change,
+ * for a later EVENT_ROAD_RETURN. A change within SETTLE_TIME of the last one counts as
+ * part of it, unless it is a return. A fault is withdrawn, because the change may have
+ * looked like a fault. */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {

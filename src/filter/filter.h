@@ -330,7 +330,8 @@ static inline void learn_noise(
 
 /* ------------------------------------------------------------------------- velocity.c */
 
-/* Predict the extra states (those of measured velocities) to the time of the row. */
+/* Predict the extra states, which belong to measured velocities, to the time of the
+ * row. */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Discard the heading and the stored past motion. Call it when the

@@ -30,8 +30,8 @@
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip that is
                                          * computed from accel_x */
 #define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a course grows as 1/speed */
-#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of the rear axle in the model discrepancy
-                                         * of the lateral speed, whose sd is proportional to it */
+#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of the rear axle. The sd of the model
+                                         * discrepancy of the lateral speed is proportional to this speed */
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] speed below which a car may change into or out of reverse */
 #define REVERSE_SD TSE_R(1)             /* [m/s] test whether the car is in reverse: sd of the difference
                                          * between the gain of speed and the integral of accel_x. Also
@@ -111,9 +111,8 @@
                                          * each repeat is evidence of a frozen channel */
 #define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow
                                          * (low-passed) innovation */
-#define NEGLIGIBLE TSE_R(0.001)         /* [1] max share of the innovation variance S due to
-                                         * consider parameters at which the gain is not corrected
-                                         * for these parameters */
+#define NEGLIGIBLE TSE_R(0.001)         /* [1] if consider parameters cause at most this share of the innovation
+                                         * variance S, the gain is not corrected for them */
 #define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min speed by which a lateral acceleration is divided to get
                                          * a yaw rate. Also the speed above which latencies are estimated */
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max of (force of a linear tyre / force of the tyre)^2. At this
@@ -148,9 +147,9 @@
                                          * ratio of the quantities by a factor of less than 2.5 */
 #define UNRELATED TSE_R(0.1)            /* [1] squared correlation below which the quantities of a pair
                                          * disagree. Noise alone does not make it so small */
-#define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a covariance of the wrong
-                                         * sign is a disagreement, for pairs whose signal is small compared
-                                         * with their noise */
+#define AGAINST TSE_R(0.2)              /* [1] min squared correlation of a pair that disagrees because its
+                                         * covariance has the wrong sign. It is for pairs whose signal is
+                                         * small compared with their noise */
 #define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car is assumed to drive. Below it
                                          * the car may brake */
 #define SLIPPING TSE_R(0.03)            /* [1] max relative speed difference of the axles. Beyond it wheels
@@ -218,9 +217,9 @@
                                          * the bus, stiff tyres, and an IMU ahead of the centre of gravity */
 #define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max plausible sum of two latencies of the yaw rate: behind
                                          * accel_y, and behind the steering angle. Cars reach 0.24 s */
-#define ROAD_HALVINGS 12                /* [1] number of times that the correlations of gravity with other
-                                         * states are halved in the first and the last row of an interval in
-                                         * which grade or bank is given */
+#define ROAD_HALVINGS 12                /* [1] number of halvings of the correlations of gravity with other
+                                         * states. They are halved so often in the row in which the log
+                                         * begins or ceases to give grade or bank */
 #define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L, L: wheelbase, K: understeer gradient, v:
                                          * speed. An oversteering car (K < 0) reaches it at a high speed */
 

@@ -17,7 +17,7 @@
 
 /* Update and return the usual ratio of the squared low-passed innovation to its predicted
  * variance: the mean of this ratio over USUAL_TIME, at least 1. In event tests S is
- * multiplied by it, so that a constant model error does not look like an event.
+ * multiplied by this mean, so that a constant model error does not look like an event.
  *   Given:    e, s         innovation and its variance
  *   Updated:  k->slow      low-passed innovation
  *             k->slow_var  predicted variance of the low-passed innovation

@@ -14,7 +14,8 @@
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */
 #define MAX_NU 1000000u                   /* [samples] max degrees of freedom of the process sd */
 
-/* Content of a file of format 3, without its frame, in the units of the file. */
+/* Content of a file of format 3 (tse/learnt.h), without its frame, in the units of the
+ * file. */
 typedef struct content {
   uint32_t vehicle, known, nu;
   int32_t mean[PLACES_KEPT], sd[PLACES_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];

@@ -7,7 +7,7 @@
 #include "tables/input.h"
 
 
-/* Return whether the initial estimate is sound. */
+/* Return whether the initial estimate that tse_learnt_load() has set is sound. */
 static int is_start_sound(const tse_start *s)
 {
   int fine = sound_int(s->loaded, 0, 1);

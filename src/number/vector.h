@@ -347,7 +347,7 @@ static inline tse_real r_times(tse_short x, r_factored a)
 }
 
 /* Write the row as mantissas m of `digits` binary digits with a common shift.
- *   Returned:  the shift: x = m 2^-(right + FIXED_BITS) */
+ *   Returned:  the shift `right`: x = m 2^-(right + FIXED_BITS) */
 static inline int32_t write_mantissas(const tse_real *x, int n, tse_short *m, int digits)
 {
   int64_t bits = 0;
@@ -370,7 +370,7 @@ static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
   return s;
 }
 
-/* Return the sum of n products, at most 32. Each must be below 2^57. */
+/* Return the sum of n products. n must be at most 32, and each product below 2^57. */
 static inline int64_t fixed_sum(const tse_short *a, const tse_short *b, int n)
 {
   int64_t sum = 0;
