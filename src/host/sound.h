@@ -10,8 +10,8 @@
 /* Max magnitudes of the numbers of a sound state: small enough that no computation
  * with them overflows.
  *   MOST_REAL      all numbers but the following
- *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by the
- *                  sd of a sensor, which may be as small as 1e-5
+ *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by
+ *                  the sd of a sensor, which may be as small as 1e-5
  *   MOST_VARIANCE  variances, in squared units of the state. The variances of an unknown
  *                  motion are smaller. MOST_VARIANCE MOST_REAL^2 fits a float */
 #if defined(TSE_REAL_FIXED)
