@@ -24,7 +24,7 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# [1] sd of the logarithm of each ratio in logs with correct units. Causes of the spread:
+# [1] sd of the logarithm of each ratio in logs with correct units. Causes of this sd:
 # accel_y: body roll and bank of the road (ratios of 0.91 .. 1.10 for the cars of
 # tests/cars and the real logs). accel_x: pitch and grade. steer_angle: steering
 # compliance and an inexact steering ratio.
@@ -40,11 +40,11 @@ UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
 CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
 # [1] cost of each ratio that cannot be computed with the assumed unit of the speed, but
-# can with a different one. Otherwise, a unit with which the car hardly moves would leave
-# no ratio, and thus have the lowest cost.
+# can with a different one. Without this cost, a unit so large that the car would hardly
+# move would leave no ratio to compare, and would thus have the lowest cost.
 LOST_FIGURE_PRICE = 30.0
-# [1] min correlation for a ratio to be used; of the steering angle: min share of its
-# variance that the fit explains
+# [1] A ratio is used only if the correlation of measured and expected values exceeds
+# this. For steer_angle: only if the fit explains more than this share of its variance.
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
 # [1] A ratio whose correlation is below MIN_FIT by less than this is used, too, if its
 # correlation exceeds MIN_FIT with a different assumed unit of the speed. Otherwise, the
@@ -59,9 +59,9 @@ FREE_FACTOR_PRICE = 12.0
 EXPLAINED = 0.10
 # [1] abs. logarithm of a ratio above which a warning is given though no cause explains it
 MAX_UNEXPLAINED = 0.35
-# [1] Max abs. logarithm of the ratio of the steering angle that handling can cause: a car
-# that brakes in every bend may oversteer (0.48 for a neutral van). Up to this limit, the
-# warning names handling as a possible cause.
+# [1] Handling also changes the ratio of the steering angle: a car that brakes in every
+# bend may oversteer. For a neutral van, the abs. logarithm of the ratio was then 0.48. Up
+# to this limit, the warning names handling as a possible cause.
 MAX_HANDLING = 1.0
 STANDARD_GRAVITY = 9.80665  # m/s2
 # A warning contains this word if its cause is not certain, e.g. if a ratio is still wrong
@@ -106,8 +106,10 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-MIN_FALSE_STOP = 0.5  # [s] min duration of wheel speeds of 0 in a moving car that is reported
-# [m/s] min sum of the steps of the wheel speed to 0 and back from 0: e.g. 5 m/s each
+# [s] Wheel speeds of 0 in a moving car are reported if they last this long.
+MIN_FALSE_STOP = 0.5
+# [m/s] min sum of the two steps of the wheel speed, down to 0 and up again: e.g. 5 m/s
+# each
 MIN_FALSE_STEP = 10.0
 # [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
 MAX_SPEED_RATIO = 1.25
@@ -119,18 +121,19 @@ COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car 
 # MAX_FORCE_RATIO if both axles have torques, MIN_AXLE_SHARE if only one has.
 MAX_FORCE_RATIO = 1.6
 MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
-# [1] min share of the total force of the tyres that the one axle with torques has
+# [1] min ratio of the force of one axle, if only this axle has torques, to mass x accel_x
 MIN_AXLE_SHARE = 0.25
 # [1] The IMU is turned about its vertical axis if the cross-axis sensitivity of both
 # accelerometers exceeds this, the sine of 12 degrees. In correct logs, only one of the
 # two deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
 # If the two wheels of one side are logged as an axle, front minus rear wheel speed is
-# proportional to the yaw rate. SIDE_LEVER: [m] range of the factor. MIN_SIDE_SHARE: [1]
-# min share that the yaw rate explains of the variance that slip does not explain.
+# proportional to the yaw rate. SIDE_LEVER: [m] range of this factor. MIN_SIDE_SHARE: [1]
+# The yaw rate must explain at least this share of the variance of the difference, apart
+# from the variance that slip explains.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-# [s] max delay of accel_y behind the yaw rate. In logs with a correctly placed IMU, it is
-# -0.06 .. 0.1.
+# [s] max delay of accel_y behind the yaw rate. In logs with a correctly placed IMU, this
+# delay is -0.06 .. 0.1.
 MAX_LATE_ACROSS = 0.1
 # [rows] interval over which accel_x is integrated, to check the times of a log whose rows
 # are further apart than 1 / COMPARISON_RATE
@@ -225,7 +228,9 @@ def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     """Return a warning if accel_y is delayed against the yaw rate, or leads it, else [].
 
     The expected accel_y is v r plus the derivative of the lateral velocity, delayed by
-    the latency in the vehicle file. Body roll delays it by up to MAX_LATE_ACROSS more."""
+    the latency in the vehicle file. Body roll delays it by up to MAX_LATE_ACROSS more.
+    There is a warning if the magnitude of the remaining delay exceeds MAX_LATE_ACROSS by
+    more than 3 sd."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -389,8 +394,9 @@ def _compute_free_factor_cost(figures: Figures) -> float:
     """Return the lowest cost after correction of one channel by any factor and sign."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        # Correct the channel by the factor e. The ratios that change depend on the
-        # factor, and the logarithm of their change is the exponent of the factor.
+        # Each ratio is proportional to a power of the factor. To find its exponent
+        # (`power`), correct the channel by the factor e: the logarithm of the ratio then
+        # changes by the exponent.
         turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:

@@ -81,7 +81,8 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 def _match_patterns(role: str, c: Channel) -> list[bool]:
     """Return for each pattern of the role whether the name of c matches, but is rejected.
 
-    It has a word for a different quantity, so that its score is negative."""
+    A matching name is rejected if it also has a word for a different quantity: its score
+    is then negative."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

@@ -3,7 +3,7 @@
 import numpy as np
 
 MIN_COUNTING_SHARE = 0.8  # [1] min share of the steps of a counter that are +1
-# find_modulo() tries these moduli, and then the number of values from min to max.
+# find_modulo() tries these moduli, and then (max - min + 1) of the counter.
 USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)
 
 

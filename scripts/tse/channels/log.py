@@ -87,9 +87,9 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     """Scale a substituted wheel speed to the wheel radii of this car; return the log.
 
-    If the wheel speed of one axle is missing in the log, that of the other axle is used
-    for both. The speed of the car is wheel speed x wheel radius, so the substitute is
-    multiplied by the ratio of the radii."""
+    If the log lacks the wheel speed of one axle, a substitute is computed from the wheel
+    speed of the other axle. Both axles move at the same speed, wheel speed x wheel
+    radius. The substitute is thus the other wheel speed x (other radius / own radius)."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -101,9 +101,9 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    The result is False, so that read_any() reads the file, if options or a signals.toml
-    next to the file assign its columns, if its times are dates or times of day, or if its
-    decimals are written with a comma."""
+    The result is False if options or a signals.toml next to the file assign its columns,
+    if its times are dates or times of day, or if its decimals are written with a comma.
+    read_any() then reads the file."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -289,8 +289,8 @@ def _is_optional(column: str) -> bool:
 def _read_head(path: Path) -> tuple[list[str], int | None]:
     """Return the first two lines of a log, and the number of its complete rows.
 
-    The number is None if the file ends with a line break: all rows are then complete. If
-    it does not, the last row is not counted: the writer may have stopped in it."""
+    The number is None if the file ends with a line break: all rows are then complete.
+    Otherwise, the last row is not counted, since it may be cut off."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
@@ -511,9 +511,9 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """If all wheel speeds are missing, set that of the front axle from vehicle_speed.
+    """If the log has no wheel speeds, add that of the front axle to the channels `found`.
 
-    It is vehicle_speed / wheel radius. Slip is then unknown."""
+    It is vehicle_speed / wheel radius, so it contains no information on slip."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -529,10 +529,10 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
 
 
 def map_own_names(recording: Recording) -> SignalsFile | None:
-    """Assign to each channel the signal of the same name, for a log with such names.
+    """Return a SignalsFile that assigns to each channel the signal of the same name.
 
-    None: the log does not have the steering angle and at least one wheel speed under the
-    names of the channels."""
+    Return None if the log does not have the steering angle and at least one wheel speed
+    under the names of the channels."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
@@ -550,9 +550,9 @@ def _join_slow_channels(
 ) -> dict[str, SlowChannel]:
     """Return the original entries of the channels that are slower than the rows.
 
-    An entry is a value with its time. `native`: channel -> times of its entries, s,
-    values, and rate of the entries, Hz. `rate`: rate of the rows, Hz. If both wheels of
-    an axle are slower than the rows, their mean is returned as the speed of the axle."""
+    An entry is a value with its time. `native`: channel -> (times [s] of its entries,
+    their values, their rate [Hz]). `rate`: rate of the rows [Hz]. If both wheels of an
+    axle are slower than the rows, their mean is returned as the speed of the axle."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

@@ -39,7 +39,8 @@ MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # [1] Min share of rows in which a sign bit is 1 and the magnitude is above half its mean.
 # Bends to one side have such rows. A flag for standstill has none.
 MIN_SIGN_SHARE = 0.02
-# [1] max ratio of a magnitude at the changes of its sign bit (median) to its mean
+# [1] max of (median of a magnitude at the changes of its sign bit) / (mean of the
+# magnitude)
 MAX_AT_ZERO = 0.2
 # max number of different values of a status; a signal with more is a measured quantity
 MAX_STATES = 32
@@ -99,7 +100,8 @@ def _find_sign_bit(
     """Return the name of the bit that holds the sign of a magnitude; None: there is none.
 
     The bit has a similar name, changes while the magnitude is near 0, and is 1 in some
-    rows with a large magnitude. The last condition excludes a flag for standstill."""
+    rows with a large magnitude. The last condition excludes a flag for standstill.
+    `bits`: short name -> (name, times, values) of each signal with only two values."""
     there = value[np.isfinite(value)]
     if there.min() < 0:
         return None
@@ -162,7 +164,8 @@ class Look:
             time, value = clocks.straighten(c)
             # of a long log, copy only the first part
             rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
-            # do not use a flag if entries of `value` were dropped: its rows differ
+            # if entries of `value` were dropped, its rows no longer match those of a
+            # flag: do not use the flag
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
@@ -212,8 +215,9 @@ class Look:
         return self._unit[name]
 
 
-# ---- Signals that belong to a measurement in the same message: validity flag, message
-# counter, fine part of a value that is sent in coarse steps. Tick counters of wheels.
+# ---- Find signals that belong to a measurement in the same message: validity flag,
+# message counter, fine part of a value that is sent in coarse steps. Warn of tick
+# counters of wheels.
 
 FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
@@ -237,10 +241,11 @@ MAX_FLAG_VALUES = 8  # max number of different values of a flag
 MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for valid
 MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
 CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
-# [1] min ratio of the step of a signal to its max value, for a search for a fine part
+# [1] A fine part is searched for if the step of a signal is at least this share of its
+# max value, or at least 0.5.
 COARSE_STEP = 0.02
-# [1] max ratio of two roughnesses: that of coarse value plus fine part, and that of the
-# coarse value alone. Roughness is the mean abs. second difference.
+# [1] max of (roughness of coarse value + fine part) / (roughness of the coarse value).
+# Roughness is the mean abs. second difference.
 MAX_FILLED = 0.35
 
 # (message, number of entries) -> flags, each with its value for valid
@@ -303,8 +308,9 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
 def mark_no_value(value: np.ndarray) -> np.ndarray:
     """Return a mask of the rows in which a signal has a code for "not available".
 
-    The code is the value of the largest magnitude, if it is an outlier that repeats
-    exactly in at least two rows, but in few."""
+    The code is the value of the largest magnitude if it is in at least two rows, but in
+    at most 1 - MIN_VALID_SHARE of them, and exceeds CODE_RATIO times the next smaller
+    magnitude."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0
@@ -354,9 +360,9 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 def _find_valid_value(c: Channel) -> float | None:
     """Return the value of a flag that means valid; None: unknown, or not a flag.
 
-    If the database names states of the flag, and some names describe a bad state, it is
-    the only other state in the log. Otherwise it is the value in at least MIN_VALID_SHARE
-    of the rows, if there is a different value in other rows."""
+    If the database names the states of the flag, and some names describe a bad state, the
+    value is the only state in the log that is not bad. Otherwise, it is the value in at
+    least MIN_VALID_SHARE of the rows, provided that other rows have a different value."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
@@ -383,7 +389,8 @@ def _count_modulo(c: Channel) -> int:
 def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     """Find the signal with the fine part of a coarsely sent value; add it to the guess.
 
-    The sum of both must be smoother than the coarse value alone, by MAX_FILLED."""
+    The roughness of the sum of both must be below MAX_FILLED times that of the coarse
+    value."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):
@@ -404,7 +411,8 @@ def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the distance between the values of a signal; 0: they are not equidistant."""
+    """Return the step in which a signal is quantised; 0: its values are not on a
+    raster."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0

@@ -93,7 +93,7 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     """Fit the model of the steering angle to speed v, m/s, and yaw rate r, rad/s.
 
     The understeer has the prior of passenger cars, since it is not observable in a log at
-    one speed.
+    constant speed.
 
     Returns
     -------
@@ -116,7 +116,8 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
     terms = np.array([np.ones(len(grid)), grid])
     spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
-    # exclude values k with which c + k (c v2) is constant: -1 / v2 in a log at one speed
+    # exclude each k for which c + k (c v2) is constant, e.g. k = -1 / v2 at constant
+    # speed
     flat = spread < 1e-24
     slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
     shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)
@@ -146,8 +147,8 @@ def find_lag(
 ) -> tuple[float, float]:
     """Return the lag of y behind x, and its sd, s; (0, inf): it cannot be determined.
 
-    It is a least-squares fit of y = a (x - lag x') + b more + c to the rows `keep`. x':
-    derivative of x. `more`: further regressors."""
+    The lag follows from a least-squares fit of y = a (x - lag x') + b more + c to the
+    rows `keep`. x': derivative of x. `more`: further regressors."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)

@@ -22,7 +22,7 @@ from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 MAX_DEFAULT_RATE = 100.0
 MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
 # A step between entries is a gap if it exceeds GAP_STEPS median steps of the channel.
-# This limit is at least MIN_GAP, s. It is at most MAX_GAP, s, or 2.5 median steps if
+# This limit is at least MIN_GAP [s]. It is at most MAX_GAP [s], or 2.5 median steps if
 # these are longer.
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
@@ -34,8 +34,8 @@ PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
 # [1] If the rate of a low-passed channel exceeds this times the rate of the rows, a cubic
 # through four entries is used instead of the spline.
 DENSE_RATIO = 4.0
-# [1] min share of the rows in which a column of a table has a value. A column with a
-# lower share may have its own rate, and is checked for it.
+# [1] A column of a table that has values in a smaller share of the rows may have been
+# sampled at a lower rate than the rows. It is checked for this.
 MIN_FILLED = 0.8
 # [entries] A value of a cubic spline depends only on the entries within this distance:
 # their influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
@@ -50,7 +50,8 @@ class RasterRows:
     value: dict[str, np.ndarray]  # channel -> values, (rows,); NaN: missing
     rate: float  # rate of the rows, Hz
     notes: list[str] = field(default_factory=list)
-    # channel that is slower than the rows -> times of its entries, values, and rate, Hz
+    # channel that is slower than the rows -> (times [s] of its entries, their values,
+    # their rate [Hz])
     native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
 
@@ -237,7 +238,8 @@ def _filter_low_pass(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return equidistant times with the step of the entries, and the low-passed signal.
 
-    The cut-off is PASS_BAND times `rate`. The kernel is symmetric and causes no delay."""
+    The cut-off is PASS_BAND times the `rate` of the rows [Hz]. The kernel is symmetric
+    and causes no delay. `usual`: median step of the entries [s]."""
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
     value = x if n == len(t) and np.max(np.abs(t - even)) < EVEN_STEP * usual else np.interp(even, t, x)
@@ -291,8 +293,8 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows |
     """Return the rows of a table as they are; None: its columns must be resampled.
 
     The rows are kept if all columns have the same times, no latency, no held values and
-    few missing values, and if their rate is the wanted one. If no rate is wanted, it may
-    be at most 1.5 MAX_DEFAULT_RATE."""
+    few missing values, and if their rate is `rate`. If `rate` is None, any rate up to 1.5
+    MAX_DEFAULT_RATE is accepted."""
     first = next(iter(found.values()), None)
     if first is None or len(first.time) < 2 or any(s.hold or s.latency for s in found.values()):
         return None
@@ -324,7 +326,8 @@ def _make_times(
     The rows cover the interval in which all inputs of the model are present. If there is
     no such interval, they cover that in which any channel is present. They are in phase
     with the yaw rate if it has the rate of the rows, otherwise with a different channel
-    of this rate."""
+    of this rate. `own`: channel -> its times [s] and values. `core`: channels for which
+    is_core() is True."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)

@@ -15,7 +15,8 @@ from tse.readers.recording import ReadOptions
 
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of the rate of the rows
 MAX_SIGNAL_LATENCY = 1.0  # [s] max latency of a signal
-MAX_CLOCK = 4e9  # [s] max difference of clocks: some count from 1970, some from the start
+# [s] max difference of clocks: some count from 1970, some from the start of the log
+MAX_CLOCK = 4e9
 LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 SIGNAL_KEYS = (
     *("name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency"),
@@ -197,7 +198,10 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
-    """Raise an error for an axle assigned with its wheels, or a wheel assigned alone."""
+    """Raise an error if an axle and its wheels are assigned, or only one of its wheels.
+
+    `found`: channel -> its source. `refuse`: function (table, key, message) that makes
+    the error."""
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(

@@ -38,19 +38,21 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-# Of each signal, the entries of the last KEPT_TIME, s, are kept, and at least MIN_KEPT
-# entries. They suffice for the spline, and to find repeated counters and held values.
+# The stream keeps the entries of each signal of the last KEPT_TIME [s], and at least
+# MIN_KEPT entries. They suffice for the spline, and to find repeated counters and held
+# values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
 # [s] time after the first needed frame at which the rates of the channels are determined
 LISTEN_TIME = 1.0
 MAX_LISTEN_TIME = 3.0  # [s] the same, if a needed channel has not arrived until LISTEN_TIME
-# A row waits for a channel for at most WAIT_STEPS median steps of it, plus WAIT_TIME, s.
+# A row waits for a channel for at most WAIT_STEPS median steps of this channel, plus
+# WAIT_TIME [s].
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
 # A channel is silent, and rows do not wait for it, if it has had no entry for
-# SILENT_STEPS of its median steps, and for MIN_SILENCE, s.
+# SILENT_STEPS of its median steps, and for MIN_SILENCE [s].
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# [entries] number of entries before a row that the spline uses. Earlier entries would
-# have a weight below 0.27 ** 48, which is negligible.
+# [entries] The spline uses this many of the last entries of a channel. Earlier entries
+# would have a weight below 0.27 ** 48, which is negligible.
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determined anew
 # [1] A channel is low-passed if its rate exceeds this times the rate of the rows.
@@ -86,7 +88,7 @@ class _Heard:
     # channel -> times and values of its entries, without held values
     own: dict[str, tuple[np.ndarray, np.ndarray]]
     rates: dict[str, float]  # channel -> rate of its entries, Hz
-    core: list[str]  # names of the is_core() channels
+    core: list[str]  # channels for which is_core() is True
 
 
 class Stream:
@@ -138,7 +140,7 @@ class Stream:
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> time of its last entry that is in a row, s
         self._given_until: dict[str, float] = {}
-        # channel -> (its rate, Hz; True if it has no held values), as determined last
+        # channel -> (rate [Hz]; True: no held values), as found in the last check
         self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf  # time of the last check of rates and held values, s
         self.last: dict[str, float] = {}  # channel -> time of its last value, s
@@ -442,7 +444,8 @@ class Stream:
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return a column with each new entry in the nearest row, and NaN in other rows.
 
-        If that row was returned before, the first row of this call gets the entry."""
+        If an earlier call has already returned the nearest row, the first row of this
+        call gets the entry."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -452,7 +455,10 @@ class Stream:
         return out
 
     def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
-        """Return the columns of the rows: means of axles, NaN for values out of range."""
+        """Return the columns of the rows, with one speed for each axle.
+
+        Values out of range become NaN. If only one axle has a speed, the speed of the
+        other one is computed from it."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):

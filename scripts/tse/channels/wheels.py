@@ -26,8 +26,8 @@ from tse.channels.vocabulary import (
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
-# [Hz] min rate of a wheel speed, and of a speed of the car that is used instead. The
-# speed of a GNSS receiver at 1 Hz is too slow to resolve braking.
+# [Hz] min rate of a wheel speed, and of a speed of the car that replaces missing wheel
+# speeds. The speed of a GNSS receiver at 1 Hz is too slow to resolve braking.
 MIN_WHEEL_RATE = 5.0
 
 
@@ -114,10 +114,11 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Return four signals that may be wheel speeds, though their names do not state it.
+    """Return a dict of four signals that may be wheel speeds: place -> name; {}: none.
 
-    They have the same unit, differ by a few percent, and get the places of WHEEL_PLACES
-    in the order of the file. find_sides() corrects this order."""
+    The names do not state that they are wheel speeds. They have the same unit, differ by
+    a few percent, and get the places of WHEEL_PLACES in the order of the file.
+    find_sides() corrects this order."""
     rolling = [
         n
         for n in look.x
@@ -221,13 +222,14 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
     return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
 
 
-# ---- Motion of the car, by name, unit and agreement of the channels with each other.
+# ---- Find the signals of the motion by name, unit and agreement with each other.
 
-# [1] role -> correlation with other channels that adds nothing to the score of a signal
-# for this role. For roles that are not listed, it is 0.75. For accel_x, it is lower:
-# dv/dt is noisy, and grade adds to accel_x.
+# [1] role -> neutral correlation of a signal with other channels: a higher correlation
+# increases the score of the signal for this role, a lower one reduces it. For roles that
+# are not listed, it is 0.75. For accel_x, it is lower: dv/dt is noisy, and grade adds to
+# accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
-MAX_PHYSICS_SCORE = 4.0  # max abs. score of a signal for a role by physics
+MAX_PHYSICS_SCORE = 4.0  # max magnitude of the score by physics, see _score_by_physics()
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
@@ -245,9 +247,9 @@ def find_roles(
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role -> name of its signal, as found in the pass before. The score by physics
-        compares with these signals. Empty in the first pass, which compares with the
-        signals with the best names.
+        Role -> name of its signal, as found in the pass before. For the score by physics,
+        each signal is compared with these. In the first pass, `before` is empty, and the
+        signals with the best names take their place.
 
     Returns
     -------
@@ -383,7 +385,7 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # Reduce the score if r correlates with a better than v r does: their roles may be
+        # Reduce the score if r correlates better with a than v r does: the roles may be
         # swapped, or both measure the same quantity.
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
@@ -391,7 +393,8 @@ def _find_pair(
     return found
 
 
-# ---- Brake switch or pressure, and wheel torques: by name, unit and change of the speed.
+# ---- Find brake switch or pressure, and wheel torques, by name, unit and change of
+# speed.
 
 BRAKE_NAME = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
 NO_BRAKE_NAME = re.compile(
@@ -475,7 +478,7 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
 def _guess_torque(recording: Recording, axle: str) -> Guess | None:
     """Return the guess of an axle's wheel torque by name and unit; None: there is none.
 
-    agree.py later compares it with mass x accel_x."""
+    agree.py later compares torque / wheel radius with mass x accel_x."""
     for c in recording:
         name = join_words(c.short)
         named = (
