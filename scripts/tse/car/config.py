@@ -1,7 +1,7 @@
 """Collect the settings of a run.
 
-They start with the defaults. Each of the following sources overrides those before:
-vehicle file, sampling of the log, file of --config, options.
+Each of these sources overrides those before it: defaults, vehicle file, sampling of the
+log, file of --config, options.
 """
 
 import re
@@ -19,7 +19,8 @@ from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, Checked
 
 GAP_IN_SAMPLES = 5  # [sample times] min of the setting max_gap
 # Front and rear wheel speed are the same signal if their ratio varies by less than
-# SAME_RATIO in all rows above ROLLING, rad/s, and there are more than MANY such rows.
+# SAME_RATIO over all rows with a wheel speed above ROLLING [rad/s], and if there are more
+# than MANY such rows.
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
@@ -75,7 +76,7 @@ def make_config(
     vehicle : Vehicle
         The car.
     log : CheckedLog or None
-        Log of the run. The sample time follows from it, and whether both wheel speeds are
+        Log of the run. It determines the sample time, and whether both wheel speeds are
         the same signal.
     filter_file : Path or None
         File with further settings, from option --config. None: no file.
@@ -87,8 +88,8 @@ def make_config(
     Raises
     ------
     UserError
-        A setting is outside its range, or an optional channel or a setting that belongs
-        to one would have no effect.
+        A setting is outside its range, or an optional channel, or a setting for such a
+        channel, would have no effect.
     """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -129,8 +130,8 @@ def filter_of(config: Config) -> str:
 def is_used(name: str, config: Config) -> bool:
     """Return whether the filter that `config` selects uses the setting `name`.
 
-    It does not use a setting of the other filter, nor a setting that is replaced by a
-    different one (`replaced_by`) which is not 0."""
+    It uses neither settings of the other filter nor a replaced setting: if a setting has
+    `replaced_by`, and the setting of that name is not 0, the latter is used instead."""
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
@@ -139,8 +140,8 @@ def is_used(name: str, config: Config) -> bool:
 def check_effect(names: Collection[str], config: Config) -> None:
     """Raise an error if a setting for this run belongs to the other filter.
 
-    It would have no effect. Settings of the car are accepted, since a vehicle file is
-    used with both filters. unused_notes() lists those without effect.
+    Such a setting would have no effect. Settings in a vehicle file are accepted, since
+    the file is used with both filters. unused_notes() lists those without effect.
 
     Parameters
     ----------

@@ -50,9 +50,9 @@ WRITTEN_AS = {
     "one": "1",
     "two": "2",
 }
-# Units of the second and further operands of the operations with unit = "first" in
-# src/tables/formula.toml, whose result has the unit of the first operand. "x": unit of
-# the first operand.
+# Operation -> units of its second and further operands. Only for operations whose result
+# has the unit of the first operand: unit = "first" in src/tables/formula.toml. "x" stands
+# for the unit of the first operand.
 OPERANDS = {"lag": ("s",), "second": ("1/s", "1"), "late": ("s",), "play": ("x",), "limit": ("x/s",)}
 UNIT = re.compile(r"((1|[A-Za-z]+[1-9]?( [A-Za-z]+[1-9]?)*)(/[A-Za-z]+[1-9]?)*)?")
 FORMULA_KEYS = ("id", "title", "place", "formula", "gain", "numbers", "found")
@@ -210,7 +210,8 @@ class Formula:
         signals
             Signal that the formula uses, by its name in FORMULA_OP -> values, (rows,).
         dt
-            Time since the row before, s: one number, or (rows,). The first is not used.
+            [s] time since the row before: one number, or (rows,), whose first value is
+            not used.
 
         Returns
         -------
@@ -458,7 +459,7 @@ def _parse_text(text: str) -> ast.expr:
 
 
 class _Compiler:
-    """Compiler: visits a syntax tree, appends operations to `steps`, returns dimensions.
+    """Visits a syntax tree, appends its operations to `steps`, and returns its dimension.
 
     A step is the name of an operation, signal or number, or the value of a literal.
     """
@@ -482,7 +483,7 @@ class _Compiler:
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
         """Append an operation that takes `takes` operands, and check the limits.
 
-        Limits are checked at once, since powers of powers could grow without limit."""
+        They are checked after each operation: nested powers could make a huge program."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -807,7 +808,7 @@ def _escape_comment(text: str) -> str:
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", line)
 
 
-# ---- From program to values: operations on arrays, (rows,)
+# ---- From program to values: operations on arrays, (rows,). h: [s] step before each row
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -874,14 +875,14 @@ def _apply_second(
 
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Delay a signal by `delay`, s. Before the first row, it has its first value."""
+    """Delay a signal by `delay` [s]. Before the first row, it is taken as constant."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 
 
 @_use_lists
 def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float]:
-    """Apply play: the output is constant until the input differs from it by `half`."""
+    """Apply play: the output moves only as needed to stay within `half` of the input."""
     y = [x[0]]
     for i in range(1, len(x)):
         y.append(min(max(y[-1], x[i] - abs(half[i])), x[i] + abs(half[i])))

@@ -43,8 +43,8 @@ DESCRIPTIVE = (
 FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
-# min similarity (ratio of difflib) of an unknown table to one of VEHICLE_TABLES for which
-# it is refused as misspelt
+# An unknown table is refused as misspelt if the similarity (ratio of difflib) of its name
+# to one of VEHICLE_TABLES is at least this.
 MIN_TABLE_LIKENESS = 0.75
 MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")  # keys that are not used
@@ -85,8 +85,8 @@ class Vehicle:
     formula: Formula | None = None  # formula in the file that [formula] names
     formula_path: Path | None = None
     # Table [calibration], as written by `tselab calibrate`; {}: there is none. Keys:
-    # names, mean and covariance of the fitted unknowns; of: CALIBRATED_FACTS at that
-    # time; own: True if it was made on the log that is estimated
+    # names, mean and covariance of the fitted unknowns; of: CALIBRATED_FACTS when the car
+    # was calibrated; own: True if it was made on the log that is estimated
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -230,7 +230,7 @@ def list_sensor_settings() -> list[str]:
 
 
 def list_latency_settings() -> dict[str, str]:
-    """Return a dict: key of [latency], i.e. a channel -> its setting."""
+    """Return a dict: key of [latency], the name of a channel -> setting."""
     return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
@@ -490,7 +490,8 @@ def format_calibration_table(
     own
         True: the car was calibrated on the logs that are estimated.
     of
-        Settings of the car, of which CALIBRATED_FACTS are written. None: none are.
+        Settings of the car. Those of CALIBRATED_FACTS are written to the table. None: no
+        setting is written.
     """
     lines = ["[calibration]"]
     if of:
@@ -502,7 +503,9 @@ def format_calibration_table(
 
 
 def _format_numbers(values: np.ndarray) -> str:
-    """Format numbers with nine digits: more would depend on the order of summation."""
+    """Format numbers with nine digits.
+
+    Further digits would depend on the order of summation in the calibration."""
     return json.dumps([float(f"{x:.9g}") for x in values])
 
 
@@ -524,7 +527,7 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # check correlations: unlike covariances, all have the same size and rounding errors
+    # check correlations, whose size, and thus rounding errors, do not depend on units
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:

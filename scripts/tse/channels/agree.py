@@ -40,8 +40,8 @@ UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
 CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
 # [1] cost of each ratio that cannot be computed with the assumed unit of the speed, but
-# can with a different one. Without this cost, a unit so large that the car would hardly
-# move would leave no ratio to compare, and would thus have the lowest cost.
+# can with a different one. Without this cost, a unit with which the car would hardly move
+# would leave no ratio to compare, and would thus have the lowest cost.
 LOST_FIGURE_PRICE = 30.0
 # [1] A ratio is used only if the correlation of measured and expected values exceeds
 # this. For steer_angle: only if the fit explains more than this share of its variance.
@@ -106,10 +106,9 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-# [s] Wheel speeds of 0 in a moving car are reported if they last this long.
+# [s] Wheel speeds of 0 in a moving car are reported if they last at least this long.
 MIN_FALSE_STOP = 0.5
-# [m/s] min sum of the two steps of the wheel speed, down to 0 and up again: e.g. 5 m/s
-# each
+# [m/s] min sum of the two steps of the wheel speed, to 0 and up again: e.g. 5 m/s each
 MIN_FALSE_STEP = 10.0
 # [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
 MAX_SPEED_RATIO = 1.25

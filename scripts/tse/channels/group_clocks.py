@@ -18,7 +18,7 @@ CORRELATION_MEAN = 0.5  # [s] length of the moving mean of signals before the co
 MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
 # [1] min ratio of the overlap of two shifted signals to the length of the shorter one
 MIN_SHARED = 0.6
-MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals with the shift
+MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals after the shift
 MIN_CORR_GAIN = 0.15  # [1] min increase of the correlation by the shift
 MAX_CORRELATED_ROWS = 1 << 16  # max number of values of a signal that are correlated: 1.8 h
 MIN_GROUP_SAMPLES = 100  # min number of values in a group
@@ -49,7 +49,8 @@ class ClockGroup:
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:
     """Shift the times of groups of signals to a common clock.
 
-    The clock of the group with the best signals of the motion is the reference.
+    The reference is the clock of the group whose signal names best describe yaw rate and
+    lateral acceleration.
 
     Parameters
     ----------
@@ -118,7 +119,9 @@ def _group_channels(recording: Recording) -> list[ClockGroup]:
 
 
 def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
-    """Return the time spans of b and a in words if they hardly overlap, otherwise ""."""
+    """Return the time spans of b and a in words if they hardly overlap, otherwise "".
+
+    They hardly overlap if they share at most half of the shorter span."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
     if shared > 0.5 * min(a1 - a0, b1 - b0):
@@ -127,7 +130,8 @@ def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
 
 
 def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
-    """Return the channel whose name fits a role best, with its score."""
+    """Return the best score for a role, and the channel that has it; 0, None: none
+    fits."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
@@ -212,7 +216,7 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift of max correlation, s, and the correlations with and without it.
+    """Return the shift of max correlation [s], this correlation, and that without shift.
 
     `one`, `two`: start time, s, and values of each signal."""
     (a0, a), (b0, b) = one, two

@@ -98,7 +98,7 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the signs of the motion channels; True: the sign of the yaw rate was tested.
+    """Return the sign of each motion channel. True: the sign of the yaw rate was tested.
 
     A sign is -1 if the logged signal is positive to the right or backwards. The sign of
     the yaw rate follows from right - left wheel speed, or otherwise from the course of a
@@ -116,7 +116,9 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
 
 
 def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
-    """Warn if, by the wheel speeds, all lateral channels are positive to the right."""
+    """Warn if all lateral channels are positive to the right.
+
+    The signs were determined from the wheel speeds."""
     lateral = ("yaw_rate", "accel_y", "steer_angle")
     if not all(c in found and found[c].sign < 0 for c in lateral):
         return
@@ -141,8 +143,9 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 def _rate_confidence(said: float, shown: float) -> str:
     """Return the confidence of a guess from its scores by name and by physics.
 
-    sure: both scores are high. likely: the score by physics is high, or that by name is
-    high and physics does not contradict it. unsure: otherwise."""
+    `said`: score by name. `shown`: score by physics. sure: `said` is at least
+    MIN_NAME_SCORE, and `shown` at least 2.5. likely: `shown` is at least 2.5, or `said`
+    is at least 2.5 and `shown` above -1. unsure: otherwise."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -161,7 +164,8 @@ def _guess_motion(
 ) -> Guess:
     """Return the guess of yaw_rate, accel_y or accel_x.
 
-    `is_sided`: the sign of the yaw rate was tested."""
+    `worth`: scores of the signal by name ("said") and by physics ("shown"). `facts`:
+    result of measure_slopes(). `is_sided`: the sign of the yaw rate was tested."""
     unit = scale.unit[role]
     figures = _list_motion_figures(role, worth, scale, sign, facts, is_sided)
     confidence = _rate_confidence(worth["said"], worth["shown"])
@@ -307,9 +311,10 @@ def _choose_steering_unit(
     """Choose the unit of the steering angle; return the ratio of the angle to r L/v.
 
     L: wheelbase. `raw`: ratio of the angle, in the unit of the signal, to r L/v.
-    `spread`: sd of its logarithm. `unit`: unit in the log; "": unknown. In the chosen
-    unit, the ratio is nearest to 1 (angle of the road wheels) or to the steering ratio,
-    which is `given` by the vehicle file, or RATIO_PRIOR."""
+    `spread`: sd of its logarithm. `unit`: unit in the log; "": unknown. The unit is
+    chosen for which the ratio is nearest to 1 (angle of the road wheels) or to the
+    steering ratio (angle of the steering wheel). The steering ratio is `given`, that of
+    the vehicle file, or RATIO_PRIOR if `given` is None."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
     options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
@@ -357,7 +362,8 @@ def _set_steering_ratio(
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     """Return the most probable unit of a steering angle, by its 97 % quantile.
 
-    True: it is the angle of the steering wheel. `unit`: unit in the log; "": unknown."""
+    The second value is True for the angle of the steering wheel, False for that of the
+    road wheels. `unit`: unit in the log; "": unknown."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
@@ -475,7 +481,7 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of unusual offsets and factors of accel_x, accel_y and track."""
+    """Warn of unusual offsets of accel_x and accel_y, a_y / (v r) and tracks."""
     if v is None:
         return
     r = (
@@ -519,11 +525,13 @@ def _check_offsets(
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
 # [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
-# steering: from simulated random understeering single-track models with relaxation length
+# steering. They are from simulations of understeering single-track models that have
+# relaxation lengths and random parameters.
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-MIN_STEERING_SDS = 2.0  # [sd of the latency] min latency of the steering angle that is proposed
+# A latency of the steering angle is proposed above this many of its sd.
+MIN_STEERING_SDS = 2.0
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-MIN_LATENCY_SDS = 4.0  # [sd of the latency] min latency of the other channels that is proposed
+MIN_LATENCY_SDS = 4.0  # the same for the other channels
 
 
 def find_latencies(
@@ -559,8 +567,9 @@ def find_latencies(
     if "accel_y" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
         slope = physics.differentiate(r)
-        # The lateral velocity contributes (c0 + c2 v^2) r' to accel_y. _find_accel_lag()
-        # fits c0 and c2, so that this contribution is not taken for a latency.
+        # The lateral velocity contributes (c0 + c2 v^2) r' to accel_y (r': derivative of
+        # r). _find_accel_lag() fits c0 and c2, so that this contribution is not taken for
+        # a latency.
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
         how = "a_y against v r, without the effect of the lateral velocity"
         _set_latency(look, found["accel_y"], clock, late, sd, how)
@@ -573,8 +582,8 @@ def _set_steering_latency(
 
     The yaw rate of a car lags the angle of its road wheels by YAW_LAG. If it lags the
     logged angle by less, or leads it, the logged angle has a latency. If the difference
-    is within the spread of cars (YAW_LAG_SD), the latency can only be found by a fit of
-    the whole car: tselab calibrate."""
+    is no larger than that between cars (YAW_LAG_SD), the latency can only be found by a
+    fit of the whole car: tselab calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -611,8 +620,9 @@ def _find_accel_lag(
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
     """Set the latency of a guess to `late`, s, if it is significant; add the evidence.
 
-    `sd`: sd of `late`, s. `clock`: name of the yaw rate, from which latencies count. If
-    it has the same time stamps, the min latency is doubled. `how`: signals compared."""
+    `sd`: sd of `late`, s. `clock`: name of the yaw rate signal, relative to which
+    latencies are. If the signal of the guess has the same time stamps as the yaw rate,
+    the min latency is doubled. `how`: compared signals, for the evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

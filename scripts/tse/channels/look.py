@@ -39,8 +39,7 @@ MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # [1] Min share of rows in which a sign bit is 1 and the magnitude is above half its mean.
 # Bends to one side have such rows. A flag for standstill has none.
 MIN_SIGN_SHARE = 0.02
-# [1] max of (median of a magnitude at the changes of its sign bit) / (mean of the
-# magnitude)
+# [1] max of (median of a magnitude at changes of its sign bit) / (mean of the magnitude)
 MAX_AT_ZERO = 0.2
 # max number of different values of a status; a signal with more is a measured quantity
 MAX_STATES = 32
@@ -411,8 +410,7 @@ def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the step in which a signal is quantised; 0: its values are not on a
-    raster."""
+    """Return the step in which a signal is quantised; 0: it has no constant step."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0

@@ -116,8 +116,7 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
     terms = np.array([np.ones(len(grid)), grid])
     spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
-    # exclude each k for which c + k (c v2) is constant, e.g. k = -1 / v2 at constant
-    # speed
+    # exclude each k for which c + k (c v2) is constant: k = -1 / v2 at constant speed
     flat = spread < 1e-24
     slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
     shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)

@@ -147,7 +147,8 @@ def _make_relative(path: Path, folder: Path) -> str:
 #
 # The score of a signal for a role is the sum of three scores: of its name
 # (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
-# Physics compares with the best candidates of the pass before, in ROLE_PASSES passes.
+# This agreement is computed in ROLE_PASSES passes. Each pass compares the signals with
+# those that the pass before has chosen.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3

@@ -33,13 +33,13 @@ UNIT_OPTIONS = {
 # [m] wheel radius of passenger cars, and [1] sd of its logarithm, used if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
-# Costs of units, in squared sd of the deviation from the kinematic relations
+# Costs of units, added to the costs of the kinematic relations: (deviation / sd)^2
 LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
 OTHER_UNIT_COST = 0.5  # cost of any but the first of UNIT_OPTIONS, if log and name state no unit
-MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
-# Cost per sd of the deviation from a kinematic relation, without limit. If all
-# combinations of units are implausible, it prefers the nearest one.
+MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, apart from FAR_COST
+# MAX_EQUATION_COST rises by this for each sd of the deviation. If all combinations of
+# units are implausible, the nearest one thus still has the lowest cost.
 FAR_COST = 0.1
 MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
 # [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars. wheel: wheel speed x radius.
@@ -48,12 +48,12 @@ MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 @dataclass(frozen=True)
 class UnitScale:
-    """Units of all channels, and the ratios of measured values from which they follow."""
+    """Units of all channels, and the kinematic ratios that were used to find them."""
 
     unit: dict[str, str]  # role (wheel, yaw_rate, accel_y, accel_x) -> unit
     per: dict[str, float]  # role -> factor from this unit to SI; for wheel to m/s
-    # Ratios. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt). "track": (right - left
-    # wheel speed) / yaw rate, m. "speed": logged ground speed / v.
+    # Name -> ratio in these units. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt).
+    # "track": (right - left wheel speed) / yaw rate, m. "speed": logged ground speed / v.
     figures: dict[str, float]
 
 

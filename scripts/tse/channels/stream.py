@@ -38,9 +38,8 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-# The stream keeps the entries of each signal of the last KEPT_TIME [s], and at least
-# MIN_KEPT entries. They suffice for the spline, and to find repeated counters and held
-# values.
+# For each signal, the entries of the last KEPT_TIME [s] are kept, and at least MIN_KEPT
+# entries. They suffice for the spline, and to find repeated counters and held values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
 # [s] time after the first needed frame at which the rates of the channels are determined
 LISTEN_TIME = 1.0

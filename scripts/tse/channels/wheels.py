@@ -393,8 +393,7 @@ def _find_pair(
     return found
 
 
-# ---- Find brake switch or pressure, and wheel torques, by name, unit and change of
-# speed.
+# ---- Find brake and wheel torques by name, unit and change of the speed.
 
 BRAKE_NAME = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
 NO_BRAKE_NAME = re.compile(

@@ -49,7 +49,7 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
 # [m] distance between the two places from which the derivative of a profile is computed:
-# less than the 40 m between its knots
+# less than the 40 m between the knots of a fitted profile
 SLOPE_DISTANCE = 5.0
 # [m] sd of the Gaussian window that smooths curvatures: half the distance over which a
 # car turns into a bend

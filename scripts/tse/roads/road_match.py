@@ -27,7 +27,8 @@ from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
 GNSS, PATH = "GNSS position", "path"  # method by which places are found, as named in messages
-# [m] sd of a place along the road. PATH: rms difference from GNSS in four real laps
+# Method -> [m] sd of the distance along the road. PATH: rms difference from GNSS in four
+# real laps
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
 # [m] max distance of a position from the path of the road: width of four lanes, or the
@@ -51,9 +52,11 @@ MIN_ALIKE_SD = 5e-4
 # [1] The squared difference of the curvatures / its variance is limited to this, so that
 # a car that overtakes is still on the road.
 MAX_SQUARED_ERROR = 9.0
-# [nat] cost of a step elsewhere, the same as that of a difference of 1.4 sd on the road
+# [nat] cost of each step of the log off the road: as much as a curvature that differs
+# from that of the road by 1.4 sd
 ELSEWHERE_COST = 1.0
-TURN_OFF_COST = 30.0  # [nat] cost of leaving or reaching the road, the same as of 75 m elsewhere
+# [nat] cost of leaving or reaching the road: as much as 75 m off the road
+TURN_OFF_COST = 30.0
 MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
 MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
 # [rad] value of this integral that always suffices. A stretch with a smaller one may
@@ -62,8 +65,8 @@ SURE_TURN = 6.0
 # [1] The place is ambiguous if a different part of the road has a correlation that is
 # lower by less than this.
 SAME_ALIKE = 0.05
-# [1] This share of the integral over the whole road, or over the whole log if it is
-# smaller, also suffices.
+# [1] The integral of |curvature| over a stretch also suffices if it is this share of the
+# integral over the whole road, or over the whole log if the latter is smaller.
 SURE_SHARE = 0.8
 # [1] max relative error of the distance by wheels. If it is exceeded, the distance is
 # corrected, and the log is matched again.
@@ -377,10 +380,10 @@ def _find_round(road: Road) -> tuple[int, int] | None:
     """Return first and last place of the first round, as indices; None: no circuit.
 
     At the end of a round, the path reaches its beginning again, in the same direction.
-    With positions, the end is searched for in the first stretch within MAX_OFF_ROAD of
-    the beginning, and is the place nearest to the beginning. Without positions, it is the
-    shift at which the curvature correlates with itself (MIN_ALIKE) and dead reckoning
-    returns to its start (MAX_CLOSURE).
+    With positions, the end is the place nearest to the beginning, in the first stretch
+    that comes within MAX_OFF_ROAD of it again. Without positions, the length of the round
+    is the shift at which the curvature correlates with itself (MIN_ALIKE) and dead
+    reckoning returns to its start (MAX_CLOSURE).
     """
     s = road.distance
     if road.x is not None:
@@ -448,7 +451,7 @@ def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
 def match_by_position(
     x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, travelled: Array
 ) -> Array:
-    """Return the distances along a path of the positions of a log.
+    """Return the distance along a path for each position of a log.
 
     Parameters
     ----------
@@ -629,7 +632,10 @@ def _accept_stretches(
 ) -> npt.NDArray[np.int64]:
     """Return the places, with -1 in stretches of low correlation or little turning.
 
-    Min correlation: MIN_ALIKE. Min turning: from MIN_TURN, SURE_TURN and SURE_SHARE."""
+    `its`: curvatures of the road at its places. `turn`: curvatures of the log at its
+    steps. `step`: their spacing, m. In a stretch, their correlation must exceed
+    MIN_ALIKE, and the integral of |curvature| must exceed a limit: SURE_TURN, or
+    SURE_SHARE of the whole integral if this is smaller, but at least MIN_TURN."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)

@@ -31,7 +31,8 @@ class Maneuver:
     target_speed: np.ndarray | None = None
     brake_torque_front: np.ndarray | None = None
     brake_torque_rear: np.ndarray | None = None
-    # coefficient of friction. 0, or None for all rows: that of the simulator's settings
+    # coefficient of friction. If it is 0 in a row, or if this is None, the simulator's
+    # settings determine it.
     road_friction: np.ndarray | None = None
 
 
