@@ -40,8 +40,8 @@ MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
 END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
-# Max sd of ln cornering stiffness with which the logs determine the stiffness of an axle.
-# If the sds of both axles are larger, the calibration is not used.
+# The logs determine the cornering stiffness of an axle if the sd of its ln is below this
+# limit. If they determine it for neither axle, the calibration is not used.
 MAX_SHOWN_SD = 0.175
 MAX_SEARCH_SECONDS = 300.0  # [s] max run time of the search
 STOPPED = "it was stopped by Ctrl-C"
@@ -68,7 +68,7 @@ class OwnCalibration:
         """Return the calibrated car, with name, facts, notes and formula of the car
         `before`. If the calibration is not used, return the car `before`.
 
-        Either has the lines for the user in `found`.
+        In both cases, the returned car has the lines for the user in its member `found`.
         """
         if not self.text:
             return replace(before, found=self.words)
@@ -126,7 +126,7 @@ def calibrate_once(
 @contextmanager
 def _remove_on_exit(lock: Path) -> Iterator[None]:
     """Remove the lock file on exit. If a different process has opened the file just
-    before, it calibrates once more, which does no harm."""
+    before, that process may calibrate once more. This only costs time."""
     try:
         yield
     finally:

@@ -240,7 +240,8 @@ class CalibrationResult:
     notes: list[str] = field(default_factory=list)
     # drives and measurements that are proposed because they would narrow the intervals
     offers: list[Offer] = field(default_factory=list)
-    own: bool = False  # True if the stiffness is then estimated in the same logs (own.py)
+    # True if the filter later estimates the stiffness in the same logs (own.py)
+    own: bool = False
 
     @property
     def seconds(self) -> float:
@@ -300,7 +301,8 @@ def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
 
 
 def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
-    """Return the rms values of a channel, combined over several logs."""
+    """Return the rms values of a channel over several logs, as if the logs were equally
+    long."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
     names = (f.name for f in fields(ProofChannel))
     return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))

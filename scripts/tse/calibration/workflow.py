@@ -111,7 +111,7 @@ def calibrate_logs(
     Raises
     ------
     UserError
-        Less than `min_seconds` can be compared with a simulation.
+        Less than `min_seconds` seconds of the logs can be compared with a simulation.
     """
     notes = list(notes)
     problem = _make_problem(logs, vehicle, 1, notes, say)
@@ -126,7 +126,8 @@ def calibrate_logs(
 def _make_problem(
     logs: Sequence[CheckedLog], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
 ) -> CarProblem:
-    """Prepare the logs and build the problem that is fitted."""
+    """Prepare the logs and build the problem that is fitted. If a log cannot be used, the
+    reason is added to `notes`."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config.exact(vehicle.values)
@@ -214,8 +215,8 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
-    """Return the problem with the car of the vehicle file on level roads, and its
-    unknowns x, in which the superelevation is that of the vehicle file."""
+    """Return the problem with the car of the vehicle file on level roads, and the values
+    of its unknowns. The superelevation of each road is that of the vehicle file."""
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):

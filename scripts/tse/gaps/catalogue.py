@@ -154,8 +154,8 @@ def load_catalogue() -> dict[str, Effect]:
 def list_signed_delays() -> frozenset[str]:
     """Return the names of the settings of delays that a fit may make negative.
 
-    If the delay of the steering or of the IMU is negative, the other channels are logged
-    late relative to it.
+    A negative delay of the steering or of the IMU means that the other channels are
+    logged late relative to the channels of the steering or the IMU.
     """
     return frozenset(
         p.name for e in load_catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low

@@ -38,7 +38,8 @@ class Candidate:
     """
 
     name: str
-    # for each piece: steering angle [rad] and speed [m/s], one value every STEP seconds
+    # for each piece: arrays of steering angle [rad] and speed [m/s], with one value every
+    # PLANNED_STEP seconds
     pieces: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
@@ -82,7 +83,7 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
         # [N] side force of the steered front wheels
         steered = (c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)) / length
-        braking = share * steered * np.sin(steer)  # [N] part of it against the motion of the car
+        braking = share * steered * np.sin(steer)  # [N] its component against the motion
         force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + braking
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {

@@ -44,10 +44,10 @@ def fit_parameters(
     most: int = 12,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Fit the parameters by least squares, with the priors of those that have one.
+    """Fit the parameters by least squares. If a parameter has a prior, the prior is used.
 
-    The fit starts at the values of `start`, and at the default of a parameter that is not
-    in `start`. It ends after at most `most` evaluations of the residuals, or if the
+    A parameter starts at its value in `start`, or at its default if it has none there.
+    The fit ends after at most `most` evaluations of the residuals, or if the
     relative change of the sum of squares is below `tolerance`.
     """
     parameters = list(parameters)
@@ -94,8 +94,8 @@ def fit_parameters(
 def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the integrated autocorrelation time of each channel's residuals, in blocks.
 
-    It is the number of correlated blocks that together have the information of one
-    independent block, and at least 1.
+    This time is the number of correlated blocks that together have the information of one
+    independent block. It is at least 1.
     """
     found = {}
     for channel, _ in problem.used():
@@ -126,7 +126,7 @@ def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return, for each channel, the sum of squared residuals minus the sum expected from
-    sensor noise, and at least 0.
+    sensor noise; 0 if the difference is negative.
 
     If the noise sd of a channel was raised to a floor, the expected sum is that of the
     original noise, so that the floor does not reduce the gap.
@@ -178,9 +178,11 @@ class ChannelChange:
 
 
 def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, ChannelChange]:
-    """Compare two models for each channel. `before` and `after` are the whitened
-    residuals of the first and the second model in the same logs. The bootstrap has a
-    fixed seed.
+    """Compare two models, and return channel -> change of the residuals.
+
+    `before` and `after` are the whitened residuals of the first and the second model in
+    the same logs. The 95 % interval of the change comes from a bootstrap with a fixed
+    seed, which resamples the blocks of both models together.
     """
     rng = np.random.default_rng(SEED)
     found = {}

@@ -40,15 +40,15 @@ LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency")
 
 @dataclass(frozen=True)
 class Rows:
-    """Log, channel and time of each entry of a residual vector, which holds the blocks of
-    all logs and channels.
+    """Log, channel and time of each entry of a residual vector. The vector has one entry
+    for each block of each channel of each log.
     """
 
     log: np.ndarray  # index of the log
     channel: np.ndarray  # index in COMPARED_CHANNELS
     time: np.ndarray  # [s] mean time of the block
     block: np.ndarray  # index of the block; the channels of a log share the indices
-    group: np.ndarray  # index of the pair of log and channel, which has one bias
+    group: np.ndarray  # index of the pair (log, channel); each pair has its own bias
 
     def of(self, channel: str) -> np.ndarray:
         """Return a mask that is True for the entries of this channel."""
@@ -104,8 +104,8 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
-        """Return the strengths of an effect. The strengths of bank or grade are the
-        values of the profile at all knots of all logs.
+        """Return the parameters of an effect that are strengths (CatalogueParameter). For
+        bank or grade, these are the values of the profile at all knots of all logs.
         """
         if effect.id not in PROFILES:
             return effect.strengths
@@ -171,8 +171,8 @@ class Problem:
     def _compute_noise_energy(self) -> np.ndarray:
         """Return the expected square of each residual if it is sensor noise only.
 
-        It is 1. It is less than 1 for channels whose noise sd was raised to a floor,
-        because residuals are divided by the raised sd.
+        The expected square is 1. If the noise sd of a channel was raised to a floor, the
+        expected square is less than 1, because residuals are divided by the raised sd.
         """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
@@ -206,7 +206,7 @@ class Problem:
         """Return the settings of the simulation with these values of the effects.
 
         Stiffness and delays have their nominal values in the result, because simulate()
-        gets them as arguments of their own: see stiffness() and later().
+        gets them as separate arguments from get_stiffness_ratios() and get_latencies().
         """
         values = drop_log_values(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *list_signed_delays()}
@@ -325,13 +325,13 @@ class Problem:
     def generate_moves(
         self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """Simulate with changed parameters, for finite differences. For each simulation
-        yield a dict, index of a changed parameter -> its change, and the result of
-        predict().
+        """Simulate with changed parameters, for finite differences. Yield a pair for each
+        simulation. The first is a dict, index of a changed parameter -> its change. The
+        second is the result of predict().
 
         A change is `reach` times the step of the parameter. Each simulation changes one
-        parameter, except for road profiles: a value of one log has no influence on the
-        residuals of another, so one simulation changes one value in every log.
+        parameter. Only for road profiles, each simulation changes one knot in every log,
+        because a profile has no influence on the residuals of other logs.
         """
 
         def shifted(p: CatalogueParameter) -> float:

@@ -17,17 +17,18 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-# A place in addition to those of formulas: the component of gravity [m/s2] along a banked
-# road. It accelerates the car sideways, but accelerometers do not measure it.
+# A place at which disturbances can act, but formulas cannot. The disturbance is the
+# component of gravity [m/s2] along a banked road. It accelerates the car sideways, but
+# accelerometers do not measure it.
 ROAD_BANK = "bank"
 # quantities of the simulation that compute_signals() uses
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
 def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-    """Return for each log a dict of the signals that formulas may use, with one value per
-    block. Keys are the names of the signals in formulas, and `time` and `dt`, the time of
-    a block and the time step to it [s].
+    """Return the signals that formulas may use, as one dict for each log: name of the
+    signal in formulas -> array with one value for each block. The dict also has the time
+    of each block, `time` [s], and the time since the previous block, `dt` [s].
 
     The signals are computed from inputs and simulation, not from measurements.
     """
@@ -73,12 +74,13 @@ def compute_responses(
     place: str,
     forms: list[np.ndarray],
 ) -> np.ndarray:
-    """Return, for each form, the change of the whitened residuals if the form acts as a
-    disturbance at `place`. A form is a formula without its coefficient.
+    """Return how the whitened residuals change if a form acts as a disturbance at
+    `place`, for each of several forms. A form is a formula without its coefficient.
 
-    The result has the shape (entries of the residual vector, forms). `at` is the result
-    of compute_signals(). `forms` has for each log an array with the values of the forms,
-    of the shape (blocks, forms), in the unit of the place.
+    The result has a row for each residual and a column for each form. `values` are the
+    fitted parameters, and `at` is the result of compute_signals(). `forms` has one array
+    for each log. It contains the values of the forms in the unit of the place, and has
+    the shape (blocks, forms).
     """
     c, rows = problem.make_config(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
@@ -107,8 +109,9 @@ def _move_simulation(
     # mean of each disturbance over the time step that ends at each block
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
     if place == "force_x":
-        # x is the change of speed. Through the slip, the prescribed wheel speeds
-        # counteract it: dx/dt = u - along x / (m v).
+        # x is the change of the car's speed. The wheel speeds are prescribed, so a change
+        # of the car's speed changes the slip, whose force counteracts the change:
+        # dx/dt = u - along x / (m v). `along` is the stiffness of both axles together.
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
@@ -118,7 +121,7 @@ def _move_simulation(
         return {"accel_x": out}
     front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
     turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
-    across, turning = {  # lateral [m/s2] and yaw acceleration [rad/s2] by a disturbance of size 1
+    across, turning = {  # response to a disturbance of 1: lateral [m/s2], yaw [rad/s2]
         "front_angle": (front / m, c.lf * front / c.yaw_inertia),
         "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),

@@ -35,8 +35,8 @@ class Detectable:
     unit: str
     smallest: float  # inf if the effect is not visible at any size within its limits
     typical: float
-    # share of the effect on the residuals (mean square) that the stiffness and the
-    # effects in the fit can compensate
+    # The effect changes the residuals. This share of the mean square of the change can be
+    # compensated by the stiffness and the effects in the fit.
     absorbed: float
 
     @property
@@ -46,8 +46,10 @@ class Detectable:
 
 
 def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
-    """Return the smallest visible size of each effect. If an effect has several
-    strengths, it is the one with the smallest ratio of visible to typical size.
+    """Return the smallest visible size of each effect.
+
+    If an effect has several strengths, the size is given for one of them: the one whose
+    ratio of visible to typical size is smallest.
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]

@@ -5,9 +5,9 @@ The logs are cut into pieces of the length FOLD_PIECE_TIME, which are distribute
 FOLDS folds. The fit is not repeated for each fold, but linearised. If the rows of one
 fold are left out, the parameters change by d, where
     H d = w J'e.
-H is the information matrix of the other folds and the prior. J, e and w are the partial
-derivatives, residuals and weights of the fold that is left out. The residuals of this
-fold become e + J d.
+H is the information matrix of the other folds plus that of the prior. J, e and w are the
+partial derivatives, residuals and weights of the fold that is left out. The residuals of
+this fold become e + J d.
 """
 
 from __future__ import annotations

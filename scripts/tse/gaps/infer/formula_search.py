@@ -39,14 +39,15 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
-# [nat] Price of each operation and each number of a formula. It compensates for the
-# number of formulas that are tried (multiple comparisons): the product of the numbers of
-# forms, places and sizes, whose ln is about 12.
+# [nat] Price that is subtracted from the gain of a formula for each of its operations and
+# each of its numbers. The price compensates for the number of formulas that are tried
+# (multiple comparisons). This number is the product of the numbers of forms, places and
+# start values, and its ln is about 12.
 PRICE = 2.0
 FITTED = 6  # max number of candidates that are simulated
 PER_PLACE = 3  # max number of simulated candidates at the same place
-# Max ratio of the gap at the start of a fit to the gap without a formula. A form with a
-# larger ratio is not fitted.
+# If the gap at the start of a fit is more than MAX_WORSE times the gap without a formula,
+# the form is not fitted.
 MAX_WORSE = 100.0
 MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
 # If the rms of a channel of the held-out logs rises significantly by more than this
@@ -66,7 +67,9 @@ class Discovery:
     """
 
     formula: Formula | None
-    fit: Fit | None  # residuals are weighted by the sensor noise, not as in Frame.balanced
+    # The fit with the formula; None without a formula. Residuals are divided by the sd of
+    # the sensor noise, not weighted as in Frame.balanced.
+    fit: Fit | None
     nats: float = 0.0  # gain - price
     share: float = 0.0  # share of the remaining gap that the formula closes
     price: float = 0.0  # [nat] price of the formula, by its length
@@ -74,10 +77,11 @@ class Discovery:
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     # channel -> change of the residuals of the held-out logs by the formula
     changes: dict[str, ChannelChange] = field(default_factory=dict)
-    # for each simulated candidate: place, formula, nats, share, and held_out, which is
-    # True if the candidate is confirmed (_choose_formula())
+    # for each simulated candidate a dict with the keys place, formula, nats, share and
+    # held_out. The value of held_out is True if the candidate is confirmed
+    # (_choose_formula()).
     tried: list[dict] = field(default_factory=list)
-    words: list[str] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)  # sentences for the user
 
     @property
     def values(self) -> dict[str, float]:
@@ -91,9 +95,9 @@ class Frame:
     """Data that all candidates have in common."""
 
     problem: Problem
-    # The problem with smaller weights for channels with large residuals: without a
-    # formula the residuals of each channel have at most the rms 1. So no channel
-    # dominates the fit.
+    # The problem with smaller weights for channels with large residuals, so that no
+    # channel dominates the fit. With these weights, the residuals of each channel have at
+    # most the rms 1 in the fit without a formula.
     balanced: Problem
     last: Fit  # the fit without a formula
     values: dict[str, float]  # the values of `last`
@@ -103,7 +107,7 @@ class Frame:
 
     @classmethod
     def of(cls, problem: Problem, last: Fit) -> Frame:
-        """Return the data for the search of a formula that is added to the fit `last`."""
+        """Return the data for the search for a formula. `last` is the fit without it."""
         balanced = copy.copy(problem)
         balanced.weight = problem.weight.copy()
         for _, mine in problem.used():
@@ -182,8 +186,8 @@ def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return the FITTED most promising candidates, of which at most PER_PLACE act at the
-    same place. If a form was listed at a place with several start values of its numbers,
-    only the best of them is used.
+    same place. If `listed` has a form at a place several times, with different start
+    values of its numbers, only the best one is used.
 
     `listed` has the results of screen_forms(), sorted by falling gain.
     """
@@ -321,8 +325,8 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
     significantly better. The formula is not fitted to the held-out logs.
 
     Without held-out logs, a formula is confirmed only if the residuals of a channel
-    exceed NOISE_LIMIT. Residuals below it are noise, which one of so many forms would
-    always fit.
+    exceed NOISE_LIMIT. Residuals below it are noise, and among so many forms there is
+    always one that fits noise.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT

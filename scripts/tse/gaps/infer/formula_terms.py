@@ -52,13 +52,15 @@ class FormulaTerm:
 
     @property
     def price(self) -> int:
-        """Length of the form: number of operators and opening parentheses, plus 1."""
+        """Length of the form, from which its price in nats is computed: number of
+        operators and opening parentheses, plus 1.
+        """
         return sum(self.text.count(c) for c in "+-*/(") + 1
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal that can be part of a form, that is, of a candidate for the formula.
+    """A signal of the car's motion or steering from which forms are composed.
 
     `text` is its expression and `units` its unit. `sizes` are a small, a medium and a
     large value of the signal in ordinary driving.
@@ -126,7 +128,9 @@ def _format_magnitude(s: Signal) -> str:
 
 
 def make_modulators() -> Iterator[FormulaTerm]:
-    """Yield the factors by which a signal is multiplied. The first one is 1 (empty)."""
+    """Yield the factors by which a signal is multiplied. The first factor has an empty
+    expression, which stands for 1.
+    """
     yield FormulaTerm("", (0, 0))
     yield FormulaTerm(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
@@ -169,8 +173,9 @@ def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_memory(s: Signal) -> Iterator[FormulaTerm]:
-    """Yield a signal after a lag and after a second-order mode, each also minus the
-    signal, and the signal after a dead time minus the signal.
+    """Yield forms in which a signal is delayed: the output of a lag, the output of a
+    second-order mode, and the output of a lag, a second-order mode and a dead time, each
+    minus the signal.
     """
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
@@ -190,8 +195,9 @@ def add_memory(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[FormulaTerm]:
-    """Yield the change of a signal by play, for each half width in `halves`, and by a
-    limit of its rate, for each limit in `rates`.
+    """Yield forms for play and for a rate limit: the signal after the play or the limit,
+    minus the signal itself. `halves` has the half widths of the play, and `rates` the
+    limits of the rate.
     """
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
@@ -268,8 +274,8 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
 #   accel_y      imu_scale_ay, body_roll, latency of accel_y
 #   yaw_rate     gyro_scale
 #   front_angle  steering_ratio, steering_lag, steering_delay
-# The search for effects has already judged them, and as a formula the same effect would
-# have a lower price than as a named effect.
+# The search for effects has already tested them. As a formula, the same effect would have
+# a lower price, that is, a smaller penalty for complexity, than as a named effect.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),

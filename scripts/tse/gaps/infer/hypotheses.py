@@ -19,8 +19,8 @@ from tse.gaps.catalogue import CatalogueParameter, Effect, list_signed_delays, l
 from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
-# Values of the column `occurrence` in src/tables/effects.toml whose effects are no
-# hypotheses.
+# Effects with one of these values in the column `occurrence` of src/tables/effects.toml
+# are not searched for.
 # ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
 # distinguished from a sensor bias.
 # ABSORBED: the fitted stiffness compensates for at least 95 % of the effect (95 % for
@@ -64,7 +64,9 @@ OTHER_SD = 1.0
 
 
 def make_latency(name: str, title: str, channels: str) -> Effect:
-    """Return the latency [s] of a channel as an effect with one strength."""
+    """Return an effect whose only strength is a latency [s] with the name `name`.
+    `channels` are the channels in which this latency is visible.
+    """
     text = "age of the values at the time of their row"
     parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
@@ -83,8 +85,8 @@ def make_superelevation() -> Effect:
     """Return the superelevation of the road in its curves as an effect.
 
     Superelevation is one number: the share of the lateral acceleration in a curve that
-    the bank provides. This bank is added to the profile of the bank. If it is left out of
-    the model, it looks like a scale error of accel_y.
+    the bank provides. This bank is added to the profile of the bank. A model without
+    superelevation would attribute it to a scale error of accel_y.
     """
     bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
@@ -112,8 +114,9 @@ class Hypothesis:
         """Return ln of the prior density of the effect's strengths, in their units.
 
         The strength that is largest relative to its typical size has the prior of
-        compute_ln_size_prior(). The other strengths are normal with the sd OTHER_SD.
-        Strengths whose sd the vehicle file states are normal with that sd.
+        compute_ln_size_prior(). The other strengths are normal with the sd OTHER_SD. But
+        if the vehicle file states an sd for the effect, all strengths are normal, as in
+        fit_prior().
         """
         strengths = self.effect.strengths
         if strengths[0].prior:

@@ -1,5 +1,5 @@
-"""Name the missing effects, with size, probability and look-alikes, from the sets of
-effects that the search has judged (search.py).
+"""Name the missing effects, with size, probability and look-alikes. They follow from the
+sets of effects whose evidence the search has computed (search.py).
 
 A named effect is one that is reported as missing in the vehicle file. Look-alikes of it
 are effects that explain the logs about as well. The gap is the sum of squared residuals
@@ -27,19 +27,19 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# Min share of a look-alike's probability in the probability that the named effect or any
-# effect in its place is missing. The share is small, because the evidence is accurate
-# only to about 2 nats: by that much it differs between mass and yaw inertia, although no
-# log can distinguish these two.
+# Min probability of a look-alike, relative to the probability that the named effect or
+# any effect in its place is missing. The limit is low, because the evidence has an error
+# of about 2 nats. For example, the evidence for mass and that for yaw inertia differ by
+# 2 nats, although no log can distinguish these two effects.
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
-# Min share of the gap left by the other named effects that a named effect must close. A
-# road profile must close this share of the gap of its own channel. Superelevation is
-# exempt.
+# A named effect must close at least this share of the gap that the other named effects
+# leave. A road profile must close at least this share of the gap in its own channel
+# (ROAD_CHANNEL). Superelevation is exempt.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
-# Share of the gap left by the roads above which the named effects of the car count as the
-# answer to the question what is missing.
+# If the named effects of the car close more than this share of the gap that the roads
+# leave, they count as the answer to the question what is missing.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
 MAX_SETS = 8  # max number of sets that are reported with their probability
@@ -59,8 +59,8 @@ class Named:
     evidence: float  # [nat] log evidence for the set with the effect against the set without it
     probability: float = 1.0  # probability that the effect is missing
     look_alikes: list[str] = field(default_factory=list)  # ids of effects
-    # share of the gap left by the other named effects that the effect closes, in pieces
-    # of the logs that were left out of the fit (folds.py)
+    # The other named effects leave a gap, of which this effect closes this share. It is
+    # computed in pieces of the logs that were left out of the fit (folds.py).
     alone: float = 1.0
     whole: float = 1.0  # probability that the effect or one in its place is missing
 
@@ -147,7 +147,7 @@ def name_effects(
     say : Callable
         Called with each line of progress.
     baseline : Fit or None
-        Result of fit_plain_car() on level roads. None: that of `problem` is used.
+        Result of fit_plain_car() on level roads. None: it is computed for `problem`.
     roads : Sequence of FoundRoad
         The road profiles of the logs.
     """
@@ -269,7 +269,9 @@ def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baselin
 
 
 def is_negligible(effect: Effect, values: Mapping[str, float]) -> bool:
-    """Return whether every strength of an effect is below its negligible size."""
+    """Return whether every strength of an effect differs from its default by less than
+    its negligible size.
+    """
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
@@ -311,8 +313,8 @@ class Probability:
     def in_place(self, effect: str) -> dict[str, float]:
         """Return the effects that replace `effect` in other sets, as id -> probability.
 
-        They are the effects of sets without `effect`, except those that are also in the
-        best set. The probability is the sum over these sets.
+        An effect replaces `effect` if it is in a set without `effect`, but not in the
+        best set. Its probability is the sum of the probabilities of all such sets.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -363,9 +365,9 @@ def _make_named(
     """Return an effect as a named effect, with its evidence and the shares of the gap
     that it closes.
 
-    `final` is the fit of the set in which all other effects may have small sizes. `plain`
-    is the fit of the named effects only, and `last` is `plain` as a Fit. `full` is the
-    whole gap.
+    `h` is the effect. `final` is the fit in which all effects that are not named may have
+    small sizes. `plain` is the fit of the named effects only, and `last` is `plain` as a
+    Fit. `full` is the gap of the car without effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)

@@ -33,17 +33,19 @@ class Remainder:
 
     channel: str
     gap: float  # ratio of residual rms to sensor noise
-    kind: str  # noise, localised, or disturbance: it depends on the motion of the car
+    # "noise", "localised" (in a short interval), or "disturbance" (any other error, which
+    # depends on the motion of the car)
+    kind: str
     words: str  # description for the user
 
 
 def find_remainders(
     problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
 ) -> list[Remainder]:
-    """Return the remaining error of each channel.
+    """Return the kind of error that remains in each channel.
 
-    `residuals` and `values` come from the fit. If the ratio of residual rms to noise is
-    at most `limit`, the error is noise.
+    `residuals` and `values` are the whitened residuals and the parameters of the fit. If
+    the ratio of residual rms to noise is at most `limit`, the error is noise.
     """
     # Channel -> condition under which its residual is largest. The list is reversed so
     # that the strongest condition comes last and overwrites the weaker ones.

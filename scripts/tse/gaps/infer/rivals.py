@@ -8,12 +8,15 @@ is, up to a constant,
 
     sum over channels of ln likelihood of the residuals (search.py) - price.
 
-The price of a named effect is SIZE_COST minus ln of its prior odds (hypotheses.py). The
-price of a formula is the price of its length (formula_search.py) minus ln of the prior
-odds that the missing effect is not in the catalogue (OUTSIDE). The likelihood includes
-the residuals of the held-out logs, with the values fitted to the other logs. An effect
-keeps its name if the worlds with this name have together at least the probability
-NAME_AT.
+The price penalises the complexity of a world. It is the sum of the prices of its named
+effects and of its formula. The price of a named effect is SIZE_COST minus ln of its prior
+odds (hypotheses.py). The price of a formula is the price of its length
+(formula_search.py) minus ln of the prior odds that the missing effect is not in the
+catalogue (OUTSIDE).
+
+The likelihood includes the residuals of the held-out logs, with the values fitted to the
+other logs. An effect stays named if the worlds in which it is named have a total
+probability of at least NAME_AT.
 
 There is no world with only a part of the named effects and no formula, because the search
 has already decided which effects to name, with a more detailed model of the residuals.
@@ -71,7 +74,10 @@ class World:
 
 
 class Worlds:
-    """The worlds, which are compared with each other by their probability."""
+    """The combinations (worlds) that are compared with each other by their probability.
+
+    `held` has the held-out logs; None: there are none.
+    """
 
     def __init__(self, problem: Problem, held: Problem | None):
         self.problem, self.held = problem, held
@@ -102,8 +108,8 @@ class Worlds:
         return sum(w.probability for w in self.known if effect in w.names)
 
     def find_best(self) -> World:
-        """Return the most probable of the worlds in which every named effect has a
-        with_name() of at least NAME_AT.
+        """Return the most probable world. Worlds with an uncertain name are left out: a
+        name is uncertain if with_name() is below NAME_AT for it.
         """
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
@@ -142,7 +148,7 @@ def explain_remainder(
     """Search for formulas, and return the result of the formula search, the named
     effects, and all worlds that were compared.
 
-    Formula and named effects are those of the world Worlds.best(). An effect is dropped
+    Formula and named effects are those of the world Worlds.find_best(). An effect is dropped
     if the probability that it or a look-alike is missing, times Worlds.with_name(), is
     below NAME_AT.
     """
@@ -170,8 +176,8 @@ def explain_remainder(
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    # The formula to report is the one that was searched for with the named effects of the
-    # best world. Whether it is proposed was decided there (formula_search.py).
+    # Report the formula from the search that started from the named effects of the best
+    # world. That search has decided whether the formula is proposed (formula_search.py).
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [

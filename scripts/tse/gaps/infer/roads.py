@@ -3,8 +3,9 @@ car.
 
 Bank and grade change the measurements as much as a change of the tyres, but mostly more
 slowly. If they were left out, they would be mistaken for a scale error of accel_y or for
-different tyres. Road and car are therefore fitted together. A fit of the road to a car
-that was fitted on level roads would make the residuals of the yaw rate larger.
+different tyres. Road and car are therefore fitted together. If the car were fitted first,
+on level roads, and the road afterwards, the residuals of the yaw rate would become
+larger.
 """
 
 from __future__ import annotations

@@ -39,8 +39,10 @@ MAX_EFFECTS = 12  # max number of effects in a set
 MAX_ROUNDS = 12  # max number of steps of one climb (_climb()), each with the fit of a set
 PASSES = 4  # max number of climbs, each followed by _fit_rivals()
 AT_ONCE = 2  # max number of changes of a set between two fits
-RIVALS = 2  # for each effect of the best set, number of replacements that are fitted
-FAR = 12.0  # [nat] max difference to the best evidence at which a set is fitted
+RIVALS = 2  # number of replacements that are fitted for each effect of the best set
+# [nat] A set is not fitted if its approximate evidence is below that of the best set by
+# more than this value.
+FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
 PAIRED = 8  # number of the most promising effects that are tried together with a second one
 # number of iterations that adapt the variances of the channels to the residuals, if a set
@@ -251,7 +253,7 @@ class Search:
         rough: bool = False,
     ) -> Judged:
         """Return the fitted set with these effects. If it has not been fitted before, it
-        is fitted now, starting at `start`.
+        is fitted now by judge_set() with `start`, `like` and `rough`.
         """
         key = frozenset(ids)
         if key not in self.known:

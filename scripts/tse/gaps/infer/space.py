@@ -29,14 +29,14 @@ STIFFNESS_SD = 0.5
 ABSENT = 0.5
 # rms of the model error that even the best model has, in units of the noise of a block
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
-# Width of the finite differences for effects outside the set, in CatalogueParameter.step:
-# 0.3 times the typical size. Effects are nonlinear, so these differences describe an
-# effect of typical size better than those over a small step.
+# Width of the finite differences for effects outside the set, as a multiple of
+# CatalogueParameter.step. It is 0.3 times the typical size. Effects are nonlinear, so
+# wide differences describe an effect of typical size better than narrow ones.
 REACH = 15.0
 
 
 class Space:
-    """One set of effects.
+    """The unknowns, priors and residuals of the fit of one set of effects.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ class Space:
         Ids of the effects of the set.
     lent
         Partial derivatives from the fit of a different set, one matrix for each group.
-        The columns of effects outside this set are taken from there. None: they are
-        simulated.
+        For effects outside this set, they are used instead of new simulations. None: the
+        partial derivatives of all effects are simulated.
 
     Attributes
     ----------
     parameters, names
         The unknowns x. For a cornering stiffness, x is the inverse of its value.
     groups
-        Log (index) and channel of each vector of residuals.
+        Pairs (index of a log, channel). The residuals of each pair form one vector.
     """
 
     knots, knot_sd = 0, 1.0  # the roads of the logs are known, so no knots are fitted
@@ -128,8 +128,9 @@ class Space:
         """
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
-    # The inverse of to_search(), which is the function itself. tse.identify.fit expects
-    # it under the name to_ln(), because values are logarithms in other problems.
+    # Convert the unknowns x to values. to_search() is its own inverse, so it can be used.
+    # tse.identify.fit expects the name to_ln(), because in other problems the values are
+    # logarithms.
     to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
@@ -137,7 +138,7 @@ class Space:
         return np.where(self._inverse, -1.0 / np.where(self._inverse, x, 1.0) ** 2, 1.0)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """Return the values of the parameters, which the simulation uses, for x."""
+        """Return parameter -> value in the simulation, for the unknowns x."""
         return dict(zip(self.names, map(float, self.to_ln(x)), strict=True))
 
     def at(self, values: Mapping[str, float]) -> np.ndarray:
@@ -213,8 +214,8 @@ class Space:
 
         Each element of `parts` is a pair. The first is the width of the finite
         differences in steps. The second is True if the width is used for stiffness and
-        the effects of the set, False if it is used for the other effects. Columns that no
-        element covers are 0.
+        the effects of the set, False if it is used for the other effects. If `parts` has
+        no width for an unknown, its column is 0. `base` are the residuals at x.
         """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
@@ -232,8 +233,10 @@ class Space:
     # ---- functions for the estimate of the lasting error (tse.identify.lasting)
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return a group as a Piece: times, local rms of the measurement about its median
-        over ACTIVE_TIME in units of the noise, and residuals.
+        """Return a group as a Piece: times, activity and residuals.
+
+        The activity at a time is the rms of measurement minus median over ACTIVE_TIME, in
+        units of the noise.
         """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(
@@ -242,8 +245,8 @@ class Space:
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return for each row of a group the yaw rate in a steady turn with a lateral
-        acceleration of 1 m/s2, in units of the noise.
+        """Return, for each residual of a group, the yaw rate that the car would have at
+        its current speed in a steady turn of 1 m/s2, in units of the noise.
         """
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.average_quantity("wheel_speed_rear")[rows]

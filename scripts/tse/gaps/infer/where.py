@@ -19,15 +19,16 @@ from tse.library.core import library
 RESIDUAL_WINDOW_TIME = 1.0  # [s] length of the windows in which the mean square of a residual is computed
 # max expected share of reported conditions that are due to chance (Benjamini-Hochberg)
 FALSE_DISCOVERIES = 0.01
-# min |rank correlation| of a reported condition with the mean square of the residual
+# min |rank correlation| between a signal and the mean square of the residual, for which
+# "high" or "low" values of the signal are reported as a condition
 MIN_CORRELATION = 0.15
 MIN_WINDOWS = 20  # min number of windows of a channel for which conditions are computed
 # Max squared correlation between the bank of a road and the lateral acceleration of the
 # car. A road does not depend on the steering, so if the correlation is larger, the
 # residual does not come from the road.
 MAX_FOLLOWED = 0.5
-# [blocks] distance of the points at which a disturbance is estimated; it is interpolated
-# linearly between them
+# [blocks] time between the points at which a disturbance is estimated. Between two
+# points, the disturbance is interpolated linearly.
 HAT = 10
 # place as it is reported -> its id in compute_responses()
 PLACES = {
@@ -64,8 +65,9 @@ class Entry:
 
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """Return the signals from which conditions are made, as name -> block means, one for
-    each entry of the residual vector. They come from inputs and simulation.
+    """Return the signals whose high or low values can be a condition. The result is a
+    dict, name -> block means, one for each entry of the residual vector. The signals come
+    from inputs and simulation.
 
     Measurements are not used, because the residuals contain their noise and would
     therefore correlate with them.

@@ -35,9 +35,9 @@ class Check:
 
     @property
     def code(self) -> int:
-        """Exit code: USABLE if every effect except those with the occurrence ABSORBED
-        would be visible at its typical size, NOTHING if no effect would be, otherwise
-        IN_PART.
+        """Exit code: NOTHING if no effect would be visible at its typical size, USABLE if
+        every effect would be, otherwise IN_PART. Effects with the occurrence ABSORBED are
+        not required for USABLE.
         """
         if not any(d.visible for d in self.effects):
             return NOTHING

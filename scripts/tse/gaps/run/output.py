@@ -167,9 +167,9 @@ def make_table(
     """Return a table of the residuals, with a row for each log, channel and block of 40
     ms.
 
-    The columns are COLUMNS. predicted_* include the fitted sensor bias of the log.
-    `noise` is the sd of the sensor noise in a block mean. residual_* are (measured -
-    predicted) / noise, with an rms of 1 if the residual is noise alone, and NaN in blocks
+    The columns are RESIDUAL_COLUMNS. predicted_* include the fitted sensor bias of the
+    log. `noise` is the sd of the sensor noise in a block mean. residual_* are (measured -
+    predicted) / noise. Their rms is 1 if they are noise alone. They are NaN in blocks
     without a measurement.
 
     `parts` has two problems for each part of the logs. The first has level roads and is

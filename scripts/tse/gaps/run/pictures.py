@@ -17,11 +17,11 @@ from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_pictur
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
 MAX_GAP_POINTS = 3000  # max number of points of a line; longer lines are thinned, but keep their peaks
-# [s] Max time between two points that a line connects. In a longer gap the channel was
-# not logged, and the line is interrupted.
+# [s] Max time between two points that a line connects. If the time is longer, the channel
+# was not logged in between, and the line is interrupted.
 HOLE = 1.0
-# Max number of logs that can be chosen in the figure. If there are more, it has those
-# with the largest residuals.
+# Max number of logs that can be chosen in the figure. If there are more logs, the figure
+# has those with the largest residuals.
 MAX_DRAWN_LOGS = 12
 PICTURE_SECONDS = 8.0  # [s] length of the interval in gap.png
 

@@ -1,8 +1,8 @@
 """`tselab gap plan`: find the manoeuvre that best separates two effects A and B.
 
 A car that has effect A at its typical size is simulated in each manoeuvre. Effect B and
-the stiffness are fitted to this simulation. From the remaining residuals, in units of the
-sensor noise, follows the evidence in nats by which such a drive separates A from B
+the stiffness are fitted to this simulation. The remaining residuals, in units of the
+sensor noise, determine the evidence in nats with which such a drive separates A from B
 (compute_expected_nats()). The same is done with A and B exchanged, and the smaller
 evidence counts.
 """
@@ -31,7 +31,8 @@ NEED = 8.0  # [nat] min evidence with which two effects count as separated
 # Min ratio of the evidence that separates two effects to the evidence for one of them. If
 # the ratio is smaller, model errors of a real car hide the difference of the effects.
 RIVAL_SHARE = 0.1
-MIN_EXCITED_NATS = 0.1  # [nat] min evidence for an effect in a manoeuvre that excites it
+# [nat] If the evidence for an effect is smaller, a manoeuvre does not excite it.
+MIN_EXCITED_NATS = 0.1
 # Relative change of the sum of squares at which a fit ends. It is small, because the
 # simulated logs have almost no noise, so that the sum of squares consists only of the
 # difference of the effects.
@@ -52,9 +53,11 @@ class Option:
     seconds: float  # [s] length of the manoeuvre
     # [nat] evidence that separates the effects: the smaller one of A from B and B from A
     nats: float
-    shows: float  # [nat] evidence for an effect against a car without it, of the weaker effect
-    # ratio of the evidence that separates the effects to the evidence for the effect; the
-    # smaller ratio of the two effects
+    # [nat] evidence for an effect against a car without it; the smaller one of the two
+    # effects
+    shows: float
+    # ratio of two evidences: the one that separates an effect from the other effect, and
+    # the one for the effect itself; the smaller ratio of the two effects
     share: float
 
     @property
@@ -196,7 +199,7 @@ def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
 
 def make_typical_values(problem: Problem, e: Effect) -> dict[Key, float]:
     """Return the parameter values of an effect of typical size. A road profile is a sine
-    with the wavelength WAVE.
+    with the wavelength ROAD_WAVELENGTH.
     """
     if e.id in PROFILES:
         p = e.strengths[0]

@@ -4,8 +4,8 @@ sd. The effects that are not named change no mean, but widen the intervals of th
 parameters.
 
 The covariance is computed as in the fit of a calibration (identify/fit.py), at the values
-that were found. The prior sd of an effect that is not named is stated in [uncertainty] of
-the vehicle file, or by the class of the car.
+that were found. The prior sd of an effect that is not named comes from [uncertainty] of
+the vehicle file or, if it is not stated there, from the class of the car.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class Posterior:
     def compute_sd(self, name: str) -> float:
         """Return the sd of a parameter.
 
-        For a parameter in SCALE_PARTNERS (the scale of accel_y), return the sd of its sum
-        with the weighted partner (body roll), because only this sum can be estimated from
-        logs.
+        Logs cannot distinguish a parameter in SCALE_PARTNERS (the scale of accel_y) from
+        its partner (body roll). Only their weighted sum can be estimated, so the sd of
+        this sum is returned.
         """
         weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
@@ -79,8 +79,8 @@ class Posterior:
     def make_calibration(self) -> dict[str, Any]:
         """Return names, mean and covariance for format_calibration_table().
 
-        A stiffness is represented by ln of its ratio to the improved vehicle file, which
-        has the mean 0.
+        A stiffness is represented by ln(stiffness / its value in the improved vehicle
+        file). The mean of this ln is 0, because the file has the posterior mean.
         """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]

@@ -90,7 +90,8 @@ class GapResult(Found):
     level: Problem  # the fitted logs on level roads
     # part of the logs -> channel -> rms of the residuals, in the unit of the channel
     stages: dict[str, dict[str, Stage]]
-    conditions: list[where.Condition]
+    conditions: list[where.Condition]  # conditions of driving with large residuals
+    # places of the model at which a disturbance explains the residuals, the best one first
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]  # remaining errors of the fitted logs
     elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
@@ -99,7 +100,8 @@ class GapResult(Found):
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, ChannelChange]  # channel -> change of the residuals of the held-out logs
-    # effects that are not visible at typical size, without look-alikes of named effects
+    # Effects that are not visible at typical size. Look-alikes of named effects are left
+    # out.
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]  # all effects that are not named
     notes: list[str] = field(default_factory=list)
@@ -326,8 +328,11 @@ def place_on_roads(
     config: Config,
     notes: list[str],
 ) -> Problem:
-    """Return the held-out logs, each with bank and grade of the road of the fitted logs
-    that it matches. A log that matches no road keeps a level road.
+    """Return the held-out logs on the roads of the fitted logs.
+
+    A held-out log that is on one of these roads gets bank and grade of this road. A log
+    that is on none of them keeps a level road. `ready` are the prepared logs, `logs` the
+    same logs as they were read.
     """
     placed = []
     for log, one in zip(logs, ready, strict=True):
@@ -506,8 +511,8 @@ def _describe_road(n: Named, laps: int) -> str:
     same = f", the same on {laps} laps" if laps > 1 else ""
     other = ""
     if n.effect.id == "grade" and laps == 1:
-        # The wheels measure the speed, so a grade is visible in accel_x only, as a bias
-        # is.
+        # The speed comes from the wheels, so a grade is visible in accel_x only, like a
+        # bias of accel_x.
         other = f" One lap cannot exclude that the accel_x bias varies by {GRAVITY * size:.2g} m/s2."
     return (
         f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees rms (95 %: {degrees}){same} "
