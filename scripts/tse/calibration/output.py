@@ -143,12 +143,12 @@ def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
 def _collect_start(
     result: CalibrationResult, written: Mapping[str, float]
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Return names, means and covariance of the unknowns, which become the prior of the
+    """Return names, means and covariance of the unknowns. They become the prior of the
     next calibration.
 
-    In the fit, the unknown of a stiffness is ln of its ratio to the vehicle file that was
-    read. The returned mean refers to the vehicle file that is written, so ln of the ratio
-    of the two files is subtracted.
+    In the fit, the unknown of a stiffness is ln(stiffness / its value in the vehicle file
+    that was read). The returned mean refers to the value in the vehicle file that is
+    written, so ln(written value / read value) is subtracted.
     """
     of_velocity = {u.name for u in OF_VELOCITY}
     own = [k for k, name in enumerate(result.problem.prior.names) if name not in of_velocity]

@@ -31,8 +31,8 @@ from tse.library.errors import UserError
 from tse.library.files import lock_file, read_sealed, tomllib, write_sealed
 from tse.log.rows import CheckedLog, select_liveliest
 
-# [s] Max total length of the logs that is used. Of longer logs, the parts in which the
-# car turns most are used.
+# [s] Max total length of the logs that is used. If the logs are longer, only the parts in
+# which the car turns most are used.
 MAX_OWN_SECONDS = 600.0
 MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
 # [s] tolerance of MIN_OWN_SECONDS, because the ends of a log are not compared with a
@@ -244,8 +244,9 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
 
 
 def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
-    """Return an OwnCalibration which states that the calibration is not used and the car
-    is taken as an ordinary one of its class. `why` is the reason."""
+    """Return a result for the case that the calibration is not used and the car is taken
+    as an ordinary one of its class. `why` is the reason. `found` has the numbers that
+    were found; None: there are none."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
     return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 

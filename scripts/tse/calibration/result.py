@@ -136,8 +136,8 @@ def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
 
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
-    """Return a line for the user: the number with its interval, or that the logs do not
-    determine it.
+    """Return a line for the user with the number and its interval. If the logs do not
+    determine the number, the line says so.
 
     The line also states if the difference from the vehicle file is not significant or too
     small to matter (less than u.worth). `by` converts u.worth to the unit of the value.
@@ -186,7 +186,8 @@ def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFindin
 
 
 def list_stated(config: Config) -> dict[str, float]:
-    """Return unknown -> its value in the settings, or 0 if it is no setting."""
+    """Return name of an unknown -> value of the setting with this name; 0 if there is no
+    such setting."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 

@@ -39,8 +39,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of a gyro bias. Larger values come from model
 # errors in turns, not from the gyro.
 MAX_GYRO_WALK = 0.001
-# min number of differences between neighbouring values from which the step of a
-# quantisation is estimated
+# min number of differences between neighbouring values. With fewer differences, the step
+# of a quantisation is not estimated.
 MIN_STEPS = 10
 
 

@@ -1,5 +1,5 @@
-"""A library of manoeuvres from which the next drive is planned, as noise-free inputs of
-the model: steering angle and wheel speeds.
+"""A library of manoeuvres from which the next drive is planned. A manoeuvre consists of
+noise-free inputs of the model: steering angle and wheel speeds.
 
 The wheel speeds are those that the nominal car needs for the manoeuvre. Each axle rolls
 along its own path through the bend. Its slip provides the longitudinal force that changes
@@ -26,8 +26,8 @@ MANEUVER_TIME = 30.0  # [s] duration of a manoeuvre
 # [s] sd of the Gaussian that smooths steps of steering and acceleration, because a driver
 # cannot change them infinitely fast
 HAND = 0.06
-# number of iterations that compute wheel speeds and lateral motion, which depend on each
-# other
+# Number of iterations in _compute_wheel_speeds(). Wheel speeds and lateral motion are
+# computed in turn, because they depend on each other.
 ROUNDS = 3
 
 
@@ -73,9 +73,9 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
     """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a
     speed over time.
 
-    They are found by iteration, which starts without lateral motion. Each iteration
-    computes wheel speeds from the lateral motion, and then simulates the model with them,
-    which gives a better lateral motion.
+    They are found by iteration. The first iteration assumes no lateral motion. Each
+    iteration computes wheel speeds from the lateral motion, and then simulates the model
+    with these wheel speeds. The result is a more accurate lateral motion.
     """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))

@@ -19,7 +19,7 @@ from tse.identify.data import BLOCK_TIME
 # channel. It is above 1, because the noise is known only to a few percent and because
 # the inputs are smoothed.
 NOISE_LIMIT = 1.2
-MAX_LAG = 4.0  # [s] max lag up to which autocorrelations are computed
+MAX_LAG = 4.0  # [s] largest lag for which autocorrelations are computed
 TOLERANCE = 0.0001  # relative change of the sum of squares below which a fit ends
 TOGETHER = 2.0  # [s] length of the blocks of residuals that the bootstrap resamples
 DRAWS = 1000  # number of bootstrap samples
@@ -128,8 +128,8 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
     """Return, for each channel, the sum of squared residuals minus the sum expected from
     sensor noise; 0 if the difference is negative.
 
-    If the noise sd of a channel was raised to a floor, the expected sum is that of the
-    original noise, so that the floor does not reduce the gap.
+    If the noise sd of a channel was raised to a floor, the expected sum is computed from
+    the original noise sd, so that the floor does not reduce the gap.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))

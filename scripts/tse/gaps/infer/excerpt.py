@@ -4,9 +4,9 @@ logs.
 
 The information matrix of a stretch is J'J / sd^2. The columns of J are the partial
 derivatives of the residuals with respect to stiffness and every effect of the catalogue,
-at the model without effects and in units of the prior sds. The residuals of that model
-are a further column of J, so that stretches which the model does not explain are
-informative, too.
+computed for the model without effects and multiplied by the prior sds. The residuals of
+this model are one more column of J. So a stretch also counts as informative if the model
+does not explain it.
 
 The stretches are chosen one by one. The next stretch is always the one that most
 increases ln det of the sum of the information matrices (a Bayesian D-optimal design,
@@ -110,9 +110,9 @@ def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
 
 
 def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
-    """Return the matrix J of the module's docstring for all logs: the partial derivatives
-    of the residuals with respect to stiffness and strengths, times the prior sds of
-    these, and the residuals as the last column.
+    """Return the matrix J of the module's docstring for all logs. Each column has the
+    partial derivatives of the residuals with respect to one stiffness or strength, times
+    its prior sd. The last column has the residuals.
     """
     asked = make_hypotheses()
     parameters: list[CatalogueParameter] = [

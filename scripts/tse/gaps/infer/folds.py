@@ -22,7 +22,7 @@ FOLD_PIECE_TIME = 10.0  # [s] length of a piece: one or two manoeuvres
 
 def compute_held_out(judged: Judged) -> dict[str, float]:
     """Return for each channel the sum of squared residuals over all folds. The residuals
-    of a fold are those of a fit without it, in units of the sensor noise.
+    of a fold, in units of the sensor noise, come from a fit to the other folds.
     """
     space, fit = judged.space, judged.fit
     assert space is not None and fit is not None

@@ -154,8 +154,8 @@ def discover_formula(
 ) -> Discovery:
     """Find the formula that explains most of the residuals of a fit.
 
-    `last` is the fit of `problem` with all named effects. `held` has the held-out logs,
-    which decide whether a formula is proposed; None: there are none. Each of the FITTED
+    `last` is the fit of `problem` with all named effects. `held` has the held-out logs.
+    They decide whether a formula is proposed. None: there are none. Each of the FITTED
     candidates needs about ten simulations of all logs. In total they take about a minute
     if the logs are a few minutes long.
     """
@@ -174,8 +174,8 @@ def discover_formula(
 
 
 def _list_places(problem: Problem) -> list[str]:
-    """Return the places at which a formula can be fitted, because the channels that it
-    changes are logged.
+    """Return the places at which a formula can be fitted. Lateral places need accel_y and
+    yaw_rate in the logs. A place that is a sensor needs the channel of this sensor.
     """
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
@@ -185,9 +185,9 @@ def _list_places(problem: Problem) -> list[str]:
 def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return the FITTED most promising candidates, of which at most PER_PLACE act at the
-    same place. If `listed` has a form at a place several times, with different start
-    values of its numbers, only the best one is used.
+    """Return at most FITTED candidates, those with the largest gain. At most PER_PLACE of
+    them act at the same place. If `listed` has a form at a place several times, with
+    different start values of its numbers, only the best one is used.
 
     `listed` has the results of screen_forms(), sorted by falling gain.
     """

@@ -269,7 +269,8 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     return found
 
 
-# place -> forms that are left out there, because they are effects of the catalogue:
+# place -> forms that are not tried at this place, because they describe effects of the
+# catalogue or latencies:
 #   accel_x      imu_scale_ax, pitch_leak, latency of accel_x
 #   accel_y      imu_scale_ay, body_roll, latency of accel_y
 #   yaw_rate     gyro_scale
@@ -319,8 +320,8 @@ def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.
 
     `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """
-    # A Formula needs a place, which has no influence on the values. At front_angle, whose
-    # unit is rad, the units agree if the coefficient has the unit 1 / (unit of the form).
+    # A Formula needs a place, but the place has no influence on the values. The unit of
+    # front_angle is rad, so the unit of the coefficient is 1 / (unit of the form).
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

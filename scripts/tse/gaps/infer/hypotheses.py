@@ -135,8 +135,7 @@ class Hypothesis:
 
 
 def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
-    """Return ln of the prior density of a strength that differs from its default by
-    `away`.
+    """Return ln of the prior density of a strength `p` at the value default + `away`.
 
     ln |away| is uniform over the typical range and has normal tails on both sides. The
     sign of `away` is implausible with probability WRONG_SIGN.
@@ -210,8 +209,8 @@ def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
 
     If the vehicle file states a prior, it is used. Otherwise the prior of a strength is
     wide, because its size is judged only after the fit (compute_ln_size_odds()). The
-    prior of a shape has its mean in the middle of the typical range and half its width as
-    sd.
+    prior of a shape has the middle of the typical range as mean, and half the width of
+    this range as sd.
     """
     if p.prior:
         return p.default, p.prior

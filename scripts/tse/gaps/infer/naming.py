@@ -59,7 +59,7 @@ class Named:
     evidence: float  # [nat] log evidence for the set with the effect against the set without it
     probability: float = 1.0  # probability that the effect is missing
     look_alikes: list[str] = field(default_factory=list)  # ids of effects
-    # The other named effects leave a gap, of which this effect closes this share. It is
+    # share that this effect closes of the gap left by the other named effects. It is
     # computed in pieces of the logs that were left out of the fit (folds.py).
     alone: float = 1.0
     whole: float = 1.0  # probability that the effect or one in its place is missing
@@ -76,8 +76,8 @@ class Named:
 
     @property
     def holds_nothing(self) -> bool:
-        """True if the 95 % interval of every strength includes the default of the
-        strength, with which there is no effect.
+        """True if the 95 % interval of every strength includes the default of this
+        strength. With the default there is no effect.
         """
         default = {p.name: p.default for p in self.effect.strengths if p.name in self.ci95}
         return all(low <= default[k] <= high for k, (low, high) in self.ci95.items() if k in default)
@@ -135,8 +135,8 @@ def name_effects(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """Search for the missing effects, and name those with a probability of at least
-    NAME_AT.
+    """Search for the missing effects, and name an effect if the probability that it or an
+    effect in its place is missing is at least NAME_AT.
 
     Parameters
     ----------
@@ -248,8 +248,8 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
 def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
     """Fit the named effects `kept` again, and return the result with only these named.
 
-    The intervals keep their widths, which come mostly from the uncertain form of the
-    model and so do not change with the logs.
+    The intervals keep their widths. Most of the width comes from errors of the model, and
+    so does not change with the logs.
     """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
@@ -276,8 +276,8 @@ def is_negligible(effect: Effect, values: Mapping[str, float]) -> bool:
 
 
 def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
-    """Return whether the 95 % interval of every strength includes the default of the
-    strength, with which there is no effect.
+    """Return whether the 95 % interval of every strength includes the default of this
+    strength. With the default there is no effect.
     """
     return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
 

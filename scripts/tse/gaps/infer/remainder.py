@@ -1,8 +1,9 @@
 """Classify the error that remains after effects are named: is it an error of the sensors,
 is it localised in time, or does it depend on the motion of the car?
 
-Errors of the sensors are low-frequency noise, which the noise estimate from differences
-between rows does not contain, a bias that is a random walk, and single spikes.
+Three kinds of errors count as errors of the sensors: low-frequency noise, a bias that is
+a random walk, and single spikes. Low-frequency noise remains because the noise sd is
+estimated from differences between neighbouring rows, which do not contain it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from tse.gaps.infer.where import find_conditions
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# An error is localised if half of its sum of squares above the noise is within an
-# interval of at most this share of the time.
+# An error is localised if half of its sum of squares above the noise is in one interval
+# that lasts at most this share of the total time.
 LOCAL = 0.15
 # channel -> sd of the random walk of the bias of a MEMS sensor [m/s2/sqrt(s),
 # rad/s/sqrt(s)]
@@ -109,8 +110,8 @@ def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
     """
     if step <= 0:
         return e
-    # stationary gain of the Kalman filter, which runs over the residual forwards and then
-    # over its own result backwards
+    # Stationary gain of the Kalman filter. The smoother runs it forwards over the
+    # residual, and then backwards over the result.
     g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
     rest = np.empty_like(e)
     for i in np.unique(log):

@@ -18,8 +18,9 @@ The likelihood includes the residuals of the held-out logs, with the values fitt
 other logs. An effect stays named if the worlds in which it is named have a total
 probability of at least NAME_AT.
 
-There is no world with only a part of the named effects and no formula, because the search
-has already decided which effects to name, with a more detailed model of the residuals.
+There is no world with only a part of the named effects and no formula. The search has
+already decided between such sets of effects, and its model of the residuals is more
+detailed than the one used here.
 """
 
 from __future__ import annotations

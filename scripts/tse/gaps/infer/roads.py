@@ -90,9 +90,9 @@ def find_roads(
     """Estimate the roads of logs that data.prepare() has prepared.
 
     If the road of any log is already known, no road is estimated. `read` has the same
-    logs before data.prepare(). They are used to detect laps of the same road, which then
-    share one profile. Without `read`, each log has its own road. The computing time is
-    one fit of car and road, and a second one if only one of bank and grade is found.
+    logs before data.prepare(). They are used to detect laps of the same road. Such laps
+    share one profile. Without `read`, each log has its own road. Car and road are fitted
+    once, and a second time if only one of bank and grade is found.
     """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]

@@ -128,9 +128,9 @@ class Space:
         """
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
-    # Convert the unknowns x to values. to_search() is its own inverse, so it can be used.
-    # tse.identify.fit expects the name to_ln(), because in other problems the values are
-    # logarithms.
+    # Function that converts the unknowns x back to values. It is to_search() again,
+    # because 1 / (1 / value) = value. tse.identify.fit expects the name to_ln(), because
+    # in other problems the values are logarithms.
     to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ MAX_FOLLOWED = 0.5
 # [blocks] time between the points at which a disturbance is estimated. Between two
 # points, the disturbance is interpolated linearly.
 HAT = 10
-# place as it is reported -> its id in compute_responses()
+# name of a place in the report -> argument `place` of compute_responses()
 PLACES = {
     "front axle": "front_angle",
     "rear axle": "rear_angle",

@@ -99,8 +99,8 @@ def write_all(
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
     stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
-    # Both cars get the same sensor settings: those that the vehicle file leaves out are
-    # estimated from the first log.
+    # Both cars get the same sensor settings. If the vehicle file leaves a sensor setting
+    # out, it is estimated from the first log.
     for vehicle in (old, new):
         fill_sensors(vehicle, read[0][2])
     gained = compute_gain(read, old, new, jobs, say)
@@ -158,7 +158,7 @@ def make_headline(result: GapResult) -> str:
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
 
 
-# ---- residuals before and after, which the report plots
+# ---- table of the residuals before and after, from which the report makes figures
 
 
 def make_table(

@@ -31,7 +31,7 @@ NEED = 8.0  # [nat] min evidence with which two effects count as separated
 # Min ratio of the evidence that separates two effects to the evidence for one of them. If
 # the ratio is smaller, model errors of a real car hide the difference of the effects.
 RIVAL_SHARE = 0.1
-# [nat] If the evidence for an effect is smaller, a manoeuvre does not excite it.
+# [nat] min evidence for an effect with which a manoeuvre counts as exciting this effect
 MIN_EXCITED_NATS = 0.1
 # Relative change of the sum of squares at which a fit ends. It is small, because the
 # simulated logs have almost no noise, so that the sum of squares consists only of the

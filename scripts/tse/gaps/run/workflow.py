@@ -91,7 +91,7 @@ class GapResult(Found):
     # part of the logs -> channel -> rms of the residuals, in the unit of the channel
     stages: dict[str, dict[str, Stage]]
     conditions: list[where.Condition]  # conditions of driving with large residuals
-    # places of the model at which a disturbance explains the residuals, the best one first
+    # places of the model at which a disturbance explains the residuals, the best first
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]  # remaining errors of the fitted logs
     elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
