@@ -1,4 +1,6 @@
-"""Repair the times of logs: duplicates, late entries, jumps. Report repairs in notes."""
+"""Repair the times of logs: duplicates, late entries, jumps. Report repairs in notes.
+
+An entry is a row, a frame or a sample of a log, with its time."""
 
 import numpy as np
 
@@ -18,14 +20,14 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     Parameters
     ----------
     time : ndarray, (entries,)
-        Times in the order of the file, s. NaN: missing.
+        [s] Times in the order of the file. NaN: missing.
     together : bool
         True: entries may have the same time, as frames of a bus do.
 
     Returns
     -------
     ndarray, (kept entries,)
-        Repaired times of the kept entries, s.
+        [s] Repaired times of the kept entries.
     ndarray of bool, (entries,)
         True for the kept entries.
     list of str
@@ -101,14 +103,14 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
 
 def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Shift the times after each fall of the clock, so that they do not fall.
+    """Remove falls of the clock: add a shift to all times after each fall.
 
     Parameters
     ----------
     t : ndarray, (entries,)
-        Finite times, s.
+        [s] Finite times.
     usual : float
-        Median step, s. It becomes the step across each fall.
+        [s] Median step. It becomes the step across each fall.
 
     Returns
     -------
@@ -117,7 +119,8 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
     ndarray of bool, (entries,)
         True for late entries.
     list of (float, float)
-        Time before each fall of the clock, and size of the fall, s.
+        [s] For each fall of the clock: the highest time before it, and the size of the
+        fall.
     """
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []

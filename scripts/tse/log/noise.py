@@ -10,7 +10,7 @@ The sd of the noise of a channel, while the car moves, is the largest of these v
     averaged over 0.2 s, and its slow part (average over 2 s) is subtracted. The sd of the
     result in the quieter windows of 2 s (quantile 0.3) is multiplied by the square root
     of the number of rows in 0.2 s: white noise with this sd would give the same averages.
-(d) A floor, except for wheel speeds.
+(d) A lower limit, NOISE_FLOOR, which is 0 for wheel speeds.
 
 A slow sensor repeats each sample, or is interpolated linearly, over several rows. The
 number of these rows is the hold k. Together they carry the information of one sample, so
@@ -49,7 +49,7 @@ MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 class Misfit:
     """Difference between an accelerometer and the kinematics."""
 
-    sd: float  # [m/s2] sd in one row of the white noise that would give the same averages
+    sd: float  # [m/s2] sd of white noise in each row that would give the same averages over 0.2 s
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
 
@@ -58,7 +58,7 @@ class Misfit:
 class Noise:
     """Noise of a channel, in the unit of the channel."""
 
-    sd: float  # sd of one row
+    sd: float  # sd of the noise in one row
     hold: int  # number of rows with the same sample; 1: each row has a new one
     step: float  # quantisation step; 0: the channel is not quantised
     text: str  # how the sd was found
@@ -66,7 +66,10 @@ class Noise:
 
 
 def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
-    """Return the noise of the values x of one channel; None if there are too few."""
+    """Return the noise of the values x of one channel; None if there are too few.
+
+    `moving` marks the rows in which the car moves. Only these rows are used, unless there
+    are fewer than MIN_NOISE_ROWS of them."""
     usable = np.isfinite(x)
     keep = usable & moving if (usable & moving).sum() >= MIN_NOISE_ROWS else usable
     x = x[keep]
@@ -125,7 +128,9 @@ def _find_hold(x: np.ndarray, scale: float) -> int:
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the quantisation step of x; 0 if too few rows have a frequent value."""
+    """Return the quantisation step of x: the median distance between frequent values.
+
+    If less than half of the rows have a frequent value, x is not quantised: return 0."""
     values, counts = np.unique(np.round(x, 12), return_counts=True)
     common = values[counts >= max(5, 0.002 * len(x))]
     covered = counts[counts >= max(5, 0.002 * len(x))].sum() / len(x)
@@ -135,10 +140,10 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
-    """Return the misfit of accel_x and accel_y to the kinematics, by channel.
+    """Return the misfits of accel_x and accel_y to the kinematics: channel -> misfit.
 
-    A channel is omitted if the log lacks it or the car moves too little. The radii are
-    those of the wheels, m."""
+    A channel is omitted if the log lacks it or the car moves too little. The radii [m]
+    are those of the wheels."""
     if not log.sample_time:
         return {}
     d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
@@ -190,9 +195,10 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
 
-    Repeated values are old, on average by half a hold. If the distances between changes
-    of the value are not multiples of a common number of rows, `beat`, all rows are
-    marked: x is then a quantised signal, which also repeats values, but irregularly."""
+    Repeated values are outdated, on average by half a hold. A slow signal changes at
+    distances that are multiples of one number of rows, `beat`. If the distances are not
+    such multiples, all rows are marked: then x is a quantised signal, whose values repeat
+    irregularly, and no value is outdated."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

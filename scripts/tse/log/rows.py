@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # inputs of the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
-SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # columns that replace an axle
+# column of an axle -> columns of its two wheels, which a log may have instead
+SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}
 # Optional column of a log -> unit, lowest and highest value, description, hint for a
 # wrong unit. The estimator uses those columns that are in input.toml, too. vehicle_speed
 # only serves to check the units of other columns.
@@ -75,12 +76,14 @@ MAX_BACK = 0.5  # share of rows whose time does not increase; above it the colum
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
-# least share of the mean square of the difference of an axle's wheel speeds that the yaw
-# rate explains; below it, noise dominates and the track width is not determined
+# Limit for the difference of the wheel speeds of an axle. If the yaw rate explains less
+# than this share of its mean square, noise dominates and does not permit to determine the
+# track width
 MIN_TURN_SHARE = 0.5
 # rms of the part of accel_y that is not proportional to speed times yaw rate, relative to
-# the rms of accel_y. Below this limit, accel_y was computed as their product and not
-# measured. In a noise-free simulation the ratio is 0.04
+# the rms of accel_y. Below this limit, accel_y is not measured but was computed as speed
+# times yaw rate. For a measured accel_y the ratio is 0.04 even in a simulation without
+# noise
 MAX_COMPUTED_MISFIT = 0.015
 # Criterion for zeros that stand for missing values: least number of runs of zeros; least
 # jump to zero, relative to the 95 % quantile of changes from row to row; least share of
@@ -98,8 +101,8 @@ WITNESSES = (
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# In average(): if this share of the values of a block or more is missing, its mean is
-# NaN. If a block has no more rows than this share of the median number, it is dropped
+# In average(): if at least this share of the values of a block is missing, the mean of
+# the block is NaN. A block with at most this share of the usual number of rows is dropped
 MAX_MISSING = 0.5
 
 
@@ -121,7 +124,9 @@ class Reading:
 
 @dataclass(frozen=True)
 class SlowChannel:
-    """Original entries of a channel that was interpolated to the times of the rows."""
+    """A channel that was interpolated to the times of the rows, before interpolation.
+
+    An entry is one original sample of the channel."""
 
     time: np.ndarray  # [s]
     value: np.ndarray
@@ -161,10 +166,12 @@ class CheckedLog:
     # axle without wheel speeds in the file. It receives those of the other axle, and
     # longitudinal slip is not observable. None: the file has wheel speeds of both axles
     stand_in: str | None = None
-    stands_by: float = 1.0  # factor of the received speeds: ratio of the wheel radii of both axles
+    # factor by which the received speeds were multiplied: wheel radius of the other axle /
+    # wheel radius of the axle `stand_in`
+    stands_by: float = 1.0
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
-    # for axles with both wheel speeds in the file: (right - left wheel speed)/yaw rate,
-    # which is track width/wheel radius. 0: noise dominates
+    # axle with both wheel speeds in the file -> (right - left wheel speed)/yaw rate. This
+    # ratio equals track width/wheel radius. 0: noise dominates
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
@@ -226,7 +233,7 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
     names : collection of str
         Columns of the log.
     sides : collection of str
-        Axles for which the log has both wheels instead.
+        Axles for which the log has the columns of both wheels, not one of the axle.
     spare : collection of str
         Channels that are not required. In addition, one of both axles may be missing.
     """
@@ -255,7 +262,7 @@ def check_log(
     path : Path
         The log, for messages.
     time : ndarray, (rows,)
-        Increasing time, s.
+        [s] Increasing times.
     table : dict of str to ndarray, (rows,)
         Columns in SI units, by name of the channel or of the wheel. Used columns are
         removed from it.
@@ -603,13 +610,13 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     log : CheckedLog
         The log, of any sampling.
     seconds : float
-        Length of a block, s.
+        [s] Length of a block.
 
     Returns
     -------
     CheckedLog
         Each row has the means of one block: of time, channels, references and optional
-        columns. The sd of white noise falls with the square root of the rows of a block.
+        columns. A mean over n rows divides the sd of white noise by sqrt(n).
 
     Raises
     ------
@@ -707,7 +714,7 @@ def straighten_log_time(
     path : Path
         The log, for messages.
     time : ndarray, (rows,)
-        The time column, s.
+        [s] The time column.
     line : ndarray of int, (rows,)
         Number of the line or row of the file from which each row was read.
     notes : list of str

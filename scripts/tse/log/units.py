@@ -80,7 +80,7 @@ def is_unknown_unit(unit: str) -> bool:
 
 
 def is_known_unit(unit: str) -> bool:
-    """Return whether a unit is known and is not 1. It is so for deg, % and m/s."""
+    """Return whether a unit is known and is not 1, e.g. True for deg, % and m/s."""
     found = parse_unit(unit)
     return found is not None and not found.unitless
 
@@ -96,7 +96,8 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
     wanted : str
         SI unit of the channel.
     radius : float, optional
-        Wheel radius, m. With it, a speed is converted to the rotational speed of a wheel.
+        [m] Wheel radius. If it is given and `wanted` is rad/s, a unit of speed is
+        converted to the rotational speed of a wheel.
 
     Returns
     -------

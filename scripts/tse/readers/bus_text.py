@@ -1,7 +1,7 @@
 """Read frames of a CAN bus from the text formats of many tools.
 
-python-can parses ASC and TRC; it receives their lines after repairs. Other formats are
-parsed here."""
+ASC and TRC files are parsed by python-can, which receives repaired lines from this
+module. All other formats are parsed here."""
 
 import base64
 import binascii
@@ -19,10 +19,12 @@ from tse.library.errors import UserError
 from tse.log.clock import DAY
 from tse.readers.databases import IDENTIFIER_MASK
 
-DETECTION_BYTES = 1 << 16  # length of the beginning of a file, from which its format is detected
+DETECTION_BYTES = 1 << 16  # the format of a file is detected from its first bytes, this many
 MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
-DETECTION_LINES = 2000  # frames at the beginning that determine unit of times, base of identifiers
-MAX_LISTED_LINES = 3  # how many of the lines that cannot be parsed are named in a note
+# number of frames at the beginning of a file that are read to determine the unit of the
+# times and the base (10 or 16) of the identifiers
+DETECTION_LINES = 2000
+MAX_LISTED_LINES = 3  # a note names at most this many of the lines that cannot be parsed
 ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame
 
 
@@ -61,7 +63,9 @@ class Lines:
 
 
 def _detect_encoding(path: Path) -> str:
-    """Return utf-16, utf-8-sig or cp1252 by the beginning of a text file."""
+    """Detect the encoding of a text file from its first bytes.
+
+    Return utf-16, utf-8-sig or cp1252."""
     with open(path, "rb") as file:
         start = file.read(DETECTION_BYTES)
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -85,7 +89,7 @@ CONSOLE_START = re.compile(
 ASC_HEADER = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
 TRC_HEADER = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
 BUSMASTER_HEADER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
-TITLE_PATTERNS = {  # titles of the columns, as _simplify_title() returns them
+TITLE_PATTERNS = {  # column -> pattern of its title, after simplification by _simplify_title()
     "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts"
     r"|timeabs|timerel",
     "identifier": r"id|arbitrationid|canid|identifier|addr|address|messageid|msgid|frameid|idhex",
@@ -102,7 +106,7 @@ def detect_bus_text(head: bytes, suffix: str) -> str:
     head : bytes
         Beginning of the file.
     suffix : str
-        Suffix of its name, in lower case.
+        Suffix of the file name, in lower case.
 
     Returns
     -------
@@ -126,7 +130,7 @@ def detect_bus_text(head: bytes, suffix: str) -> str:
 
 
 def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
-    """Return the frames of a text file in its order.
+    """Return the frames of a text file in the order of the file.
 
     Parameters
     ----------
@@ -218,7 +222,7 @@ def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str,
 
 
 def _parse_stamp(text: str) -> float:
-    """Return a time of candump [s], a number or a date; NaN for any other string."""
+    """Convert a time of candump, a number or a date, to s. Other strings give NaN."""
     try:
         return float(text)
     except ValueError:
@@ -243,8 +247,8 @@ BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE":
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of a log of BUSMASTER.
 
-    The log gives the time of day, which restarts from 0 at midnight. The times of the
-    frames go on increasing."""
+    The log gives the time of day, which restarts from 0 at midnight. A day is added then,
+    so that the times of the frames keep increasing."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -315,10 +319,9 @@ class _FrameTable:
     """The layout of a CSV with one frame per row.
 
     The data are in one column, hexadecimal or in base 64 (python-can), or in one column
-    per byte. Identifiers are read as decimal numbers if the databases then contain more
-    of them than if they are read as hexadecimal numbers. The unit of the times is in the
-    title of their column. Without it, integers have the unit that _guess_tick() returns,
-    and other numbers are in s."""
+    per byte. Identifiers are decimal or hexadecimal numbers, see _is_decimal(). The title
+    of the time column may state the unit of the times. If it does not, times that are
+    integers have the unit that _guess_tick() returns, and all other times are in s."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -339,7 +342,9 @@ class _FrameTable:
         return next((i for i, n in enumerate(self._names) if n in titles), -1)
 
     def learn(self, rows: list[list[str]], knows: Callable[[int], bool]) -> None:
-        """Find base of identifiers, unit of times, coding of data from the first rows."""
+        """Detect the base of the identifiers, the unit of the times, the coding of data.
+
+        `rows` are the first rows of the table. `knows` is as in read_frames()."""
         at = self._columns
         good = [row for row in rows if len(row) > max(at.values())]
         self._base = 10 if _is_decimal({row[at["identifier"]] for row in good}, knows) else 16
@@ -471,7 +476,10 @@ def _guess_tick(stamps: np.ndarray) -> float:
 
 
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
-    """Return whether more of the identifiers are in the databases if read as decimal."""
+    """Return whether identifiers are decimal numbers, not hexadecimal ones.
+
+    They are decimal if the databases contain more of them when they are read as decimal
+    numbers. A letter or a leading 0 in any of them means that all are hexadecimal."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False
@@ -545,14 +553,16 @@ class AscText(_GeneratedText):
 
 
 class TrcText(_GeneratedText):
-    """The lines of a TRC file for python-can's reader, version 1.2 converted to 1.3."""
+    """The lines of a TRC file for python-can's reader.
+
+    A file of version 1.2 is converted to version 1.3."""
 
     def __init__(self, lines: Lines):
         super().__init__(self._generate(lines))
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
-        """Yield the lines; insert the additional column of 1.3 into those of 1.2."""
+        """Yield the lines. A line of version 1.2 gets the column that only 1.3 has."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

@@ -17,7 +17,8 @@ from tse.readers.recording import import_optional
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
-# A standard identifier has 11 bits. An extended one has 29, and bit 31 is set in a DBC
+# A standard identifier has 11 bits, an extended one 29. A DBC marks an extended one by
+# bit 31
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 # identifier of the message in which Vector's tools put signals that belong to no message
 ORPHAN_IDENTIFIER = 0xC0000000
@@ -50,7 +51,7 @@ class _Message:
     A clean name is a valid name in a DBC, see _clean_name()."""
 
     line: int  # number of the line with its statement BO_
-    identifier: int  # with EXTENDED_BIT
+    identifier: int  # EXTENDED_BIT is set if the identifier is an extended one
     name: str  # clean name
     length: int  # [bytes] -1: placeholder for a message that is left out
     sender: str
@@ -297,7 +298,9 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 
 
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
-    """Return a statement about a signal (values, type, comment) with its clean name.
+    """Return a statement about a signal with the clean name of the signal.
+
+    The statement is one of values, type or comment.
 
     Return "" if the statement cannot be parsed or its signal does not exist."""
     if LONG_NAME_LINE.match(part):

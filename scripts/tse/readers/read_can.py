@@ -159,7 +159,7 @@ class Bus:
         Parameters
         ----------
         time : ndarray, (kept frames,)
-            Times of the kept frames in the order of the file, s.
+            [s] Times of the kept frames in the order of the file.
         keep : ndarray of bool, (frames,), or None
             True for the kept frames. None: all frames are kept, and sorted by time.
         notes : list of str
@@ -222,7 +222,8 @@ class Bus:
         """Return the times [s] of those of `frames` that are kept, and an index.
 
         The index selects the values of a signal that belong to these times. It is a mask
-        of kept frames, an order by time, or slice(None) for all values."""
+        of kept frames, an order by time, or slice(None) for all values. `place` has the
+        index in `time` of each frame. None: all frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -234,7 +235,7 @@ class Bus:
 
 
 def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
-    """Return the messages of all databases by key.
+    """Return the messages of all databases: key by make_key() -> message.
 
     If two messages have the same key, the first one is used."""
     messages: dict[int, Any] = {}
@@ -255,7 +256,7 @@ NO_VALUE = re.compile(
 
 
 def read_states(s: Any) -> dict[float, str]:
-    """Return the names of single values by the database, as physical value -> name."""
+    """Return the names that a database gives to single values: physical value -> name."""
     return {
         float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()
     }
@@ -309,9 +310,9 @@ def decode_signals(
     signal
         One of `signals`, if any frame contains it.
     ndarray of int, (entries,)
-        Numbers of the frames that contain the signal.
+        Indices in `data` of the frames that contain the signal.
     ndarray, (entries,)
-        Physical values of the signal.
+        Physical values of the signal in these frames.
     """
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
@@ -333,7 +334,9 @@ def decode_signals(
 
 
 def _find_bits(s: Any) -> np.ndarray:
-    """Return the columns of `bits` (decode_signals()) of a signal, lowest bit first."""
+    """Return the columns of `bits` in decode_signals() that hold a signal.
+
+    The first one is that of the lowest bit."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
     at, found = s.start, []

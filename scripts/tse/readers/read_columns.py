@@ -38,7 +38,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return found
 
 
-ReadColumn = Callable[[int], Any]  # reads the column of the file with this index
+ReadColumn = Callable[[int], Any]  # function: index of a column in the file -> the column
 
 
 def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:
@@ -84,8 +84,9 @@ def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
 def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
     """Yield each field that is no struct, with the indices that lead to it.
 
-    The indices are those of the column and of the fields in nested structs. The name of
-    the yielded field is its path: car.speed for field speed of struct car."""
+    The first index is that of the column in the file, each further one that of a field in
+    a struct. The name of the yielded field is its path: car.speed for field speed of
+    struct car."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
         if not pa.types.is_struct(field.type):
@@ -100,7 +101,9 @@ def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]
 
 
 def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
-    """Return a column that is read on demand. `steps`: indices by _flatten_fields()."""
+    """Return a column that is read on demand.
+
+    `field` and `steps` are a field and its indices, as _flatten_fields() yields them."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

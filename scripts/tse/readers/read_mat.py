@@ -18,7 +18,7 @@ from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recordi
 # [bytes] unpacked size up to which a file of version 5 is read at once; the variables of
 # a larger file are read one by one
 MAX_BYTES_AT_ONCE = 1 << 25
-MAX_MATRIX_COLUMNS = 16  # a matrix with more columns is skipped; of others each column is a channel
+MAX_MATRIX_COLUMNS = 16  # a matrix with more columns is skipped; otherwise each column is a channel
 MIN_VECTOR_LENGTH = 2
 COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
 # [bytes] largest unpacked size of a variable of version 5, enough for 30 h at 1 kHz
@@ -137,7 +137,9 @@ def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | 
 def _convert_time(
     path: Path, name: str, v: np.ndarray, unit: str, how: ReadOptions, notes: list[str]
 ) -> np.ndarray:
-    """Return a time vector in s. If its unit is unknown, guess it as for tables."""
+    """Convert a time vector to s.
+
+    An unknown unit is guessed from the steps, see convert_to_seconds()."""
     unit = how.time_unit or unit
     if unit and (per := unit_factor(unit, "s")) is not None:
         return v * per
@@ -168,9 +170,10 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _measure_unpacked(path: Path) -> int:
-    """Return the unpacked size [bytes] of all variables of version 5, from their headers.
+    """Return the unpacked size [bytes] of all variables in a file of version 5.
 
-    The headers can be relied on: scipy unpacks no more than they state."""
+    It is read from their headers. Wrong headers do no harm: scipy unpacks no more than
+    they state."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -265,7 +268,7 @@ def _split_dataset(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]
     if not 1 <= len(long) <= 2:
         yield from _split_columns(name, np.asarray(item))
         return
-    along = max(long, key=lambda axis: item.shape[axis])  # the first of equally long axes
+    along = max(long, key=lambda axis: item.shape[axis])  # of axes of equal length, the first
     across = next((axis for axis in long if axis != along), None)
     count = 1 if across is None else item.shape[across]
     file, dataset = item.file.filename, item.name

@@ -59,9 +59,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# kind of a block of MDF 4 -> index of each link to another list, and the kinds of block
-# that this link can lead to. Link 0 leads to the next block of the same list, but in HL
-# to the first DL
+# Kind of a block of MDF 4 -> its links to other lists. Each of them is given as the index
+# of the link, and the kinds of block to which it can lead. Link 0 is not given, because
+# it leads to the next block of the same list. Only in HL it leads to the first DL
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -71,8 +71,9 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# A link to a list of these kinds must lead to a block of this kind, otherwise the file is
-# damaged. A link to a list of a different kind may lead to other blocks, too
+# If a link should lead to a list of one of these kinds, but leads to a different block,
+# the file is damaged. A link to a list of any other kind may also lead to a block of a
+# kind that is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -80,13 +81,13 @@ def _check_chains(path: Path) -> None:
     """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
     asammdf would follow such a list for ever. Link 0 of a block leads to the next block
-    its list, further links lead to the first blocks of other lists."""
+    of its list, further links lead to the first blocks of other lists."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
         start = _read_links(path, file, 64, b"##HD")
         todo = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
-        met: set[tuple[bytes, int]] = set()  # kind that was expected at a byte
+        met: set[tuple[bytes, int]] = set()  # (expected kind, byte) of each visited block
         while todo:
             kind, at = todo.pop()
             chain: set[int] = set()
@@ -129,16 +130,18 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 def _is_finished(file: BinaryIO) -> bool:
     """Return whether the recorder has finished and closed a file.
 
-    A finished file is passed to asammdf as an open file, because asammdf maps a file into
-    memory if it receives the path. For an unfinished file it receives the path, and
-    completes a copy."""
+    asammdf receives a finished file as an open file, because it would map the file into
+    memory if it received the path. For an unfinished file it must receive the path, to
+    complete a copy of the file."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished
 
 
 def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
-    """Return the needed channels. Equal names are preceded by the title of the group."""
+    """Return the needed channels.
+
+    If several channels have the same name, the title of their group precedes the name."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -156,7 +159,7 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
             value, bad = signal.samples.astype(float), signal.invalidation_bits
             if bad is not None and len(np.atleast_1d(bad)) == len(value):
                 value = np.where(np.asarray(bad, bool), np.nan, value)
-            if len(time) != len(value):  # only at the first channel: all channels of a group share it
+            if len(time) != len(value):  # at the first channel; all channels of a group share `time`
                 time = np.asarray(signal.timestamps, float)
             text = str(signal.comment or "")[:200]
             made = Channel(channel.name, time, value, str(signal.unit or ""), text)
@@ -170,9 +173,9 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
 
 
 def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
-    """Return a channel as a Signal of numbers, or None.
+    """Return the values of a channel as a Signal; None if they are not numbers.
 
-    If its conversion gives strings, return the raw values."""
+    If the conversion to physical values gives strings, return the raw numbers."""
     for raw in (False, True):
         signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
         if len(signal.samples) and signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:

@@ -28,8 +28,8 @@ from tse.readers.table import (
     split_words,
 )
 
-MAX_HEADERS = 4  # rows directly above the data that may hold names, units or sources
-HEAD_LINES = 400  # number of the first lines of a file, from which its layout is found
+MAX_HEADERS = 4  # number of rows directly above the data that may hold names, units or sources
+HEAD_LINES = 400  # the layout of a file is found from its first lines, this many
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 CLOCK_CELL = re.compile(
@@ -251,8 +251,8 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # prefer the separator that splits the lines into numbers; the comma counts less,
-        # because it may be a decimal comma, which would split a number into two
+        # Prefer the separator that splits the lines into numbers. The comma counts less:
+        # it may be a decimal sign, and as a separator it would cut each number in two
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         several = width > 1
         value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
@@ -334,9 +334,9 @@ def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
     """Return the row of the names among the rows directly above the data.
 
     Between names and data there may be a row of units and a row with the source of each
-    channel. Sources repeat from cell to cell, names hardly do: the names are the last row
-    with the largest number of different cells. `full`: indices of the rows above the data
-    that have as many cells as the data."""
+    channel. Several channels have the same source, but hardly the same name. So the row
+    of the names is the one with the most different cells, or the last of several such
+    rows. `full`: indices of the rows above the data with as many cells as the data."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]

@@ -24,8 +24,8 @@ from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unp
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
 MAX_HEAD_BYTES = 1 << 20  # largest number of characters before section [data]
-# Columns that the GNSS receiver measures, by short name, and their units in a Recording.
-# The units of all other columns are in section [channel units].
+# Short name of each column that the GNSS receiver measures -> unit in a Recording. The
+# units of all other columns are in section [channel units].
 RECEIVER_UNITS = {
     "sats": "1",
     "time": "",
@@ -238,7 +238,8 @@ def _strip_letters(cells: pd.Series) -> pd.Series:
 def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]) -> np.ndarray:
     """Mark the rows with too few satellites for a position.
 
-    If this holds in all rows, the column of satellites is wrong, and no row is marked."""
+    If all rows have too few, the column of satellites is taken as wrong, and no row is
+    marked."""
     if "sats" not in column:
         return np.zeros(len(table), bool)
     said = pd.to_numeric(table[column["sats"]], errors="coerce").fillna(0).to_numpy(float)

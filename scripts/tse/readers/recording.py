@@ -36,7 +36,7 @@ try:
 except ImportError:  # Windows
     resource = None
 
-MAX_LISTED_NAMES = 6  # names that one message lists
+MAX_LISTED_NAMES = 6  # largest number of names that one message lists
 CHUNK_ROWS = 1 << 16  # number of frames or rows of text that are decoded at a time
 RECEIVER_TEXT = "receiver of GNSS"  # Channel.text of a channel that a GNSS receiver measures
 
@@ -112,11 +112,12 @@ class Recording:
         )
 
     def since_start(self) -> Recording:
-        """Return the recording with large times, such as those since 1970, made small.
+        """Return the recording with times that begin near 0, if they are since 1970.
 
         If the first sample is at 1e6 s or later, its time in whole seconds is subtracted
-        from all times and added to `start`. Otherwise the times are unchanged. A double
-        stores a present time since 1970 with an error below a microsecond."""
+        from all times and added to `start`. Otherwise the times are unchanged. No
+        accuracy is lost before the subtraction: a double stores a present time since 1970
+        with an error below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -150,9 +151,9 @@ class Growing:
         self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
 
     def set(self, place: int, value: float) -> None:
-        """Set the value with index `place`, the last index or a larger one.
+        """Set the last value, or append one: `place` is the last index or a larger one.
 
-        Values between the last index and a larger one become NaN."""
+        If `place` is beyond the next index, the values in between become NaN."""
         self.pad(place)
         if place == len(self):
             self._values.append(value)
@@ -189,8 +190,8 @@ def measure_size(path: Path) -> int:
 def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -> None:
     """Refuse more rows than a file of this size can contain.
 
-    To be called before the rows are unpacked. `what` is what the message calls the table.
-    `each` is the least number of bytes that a row takes in the file."""
+    Call it before the rows are unpacked. `what` is the name of the table in the error
+    message. `each` is the least number of bytes that a row takes in the file."""
     limit = ALWAYS_ALLOWED_ROWS
     if rows > limit:
         limit = max(limit, measure_size(path) // each)
@@ -295,8 +296,9 @@ def limit_time(path: Path) -> Iterator[None]:
     Notes
     -----
     In the main thread, a signal interrupts the reader. In any other thread, and on
-    Windows, a second thread interrupts it. This thread cannot stop compiled code before
-    it returns to Python. If calls of limit_time() are nested, the outermost one counts.
+    Windows, a second thread interrupts it. The second thread cannot interrupt compiled
+    code until this code returns to Python. If calls of limit_time() are nested, only the
+    outermost one sets a limit.
     """
     limit = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     is_main = threading.current_thread() is threading.main_thread()
@@ -519,12 +521,12 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
 
 # ---- Messages of ROS, MCAP, JSON and Cap'n Proto: one channel for each field.
 
-# longest array whose elements become channels: longer than four wheels, shorter than an
-# image or a covariance matrix of a pose
+# Length of the longest array whose elements become channels. An array with one element
+# per wheel is shorter; an image or the covariance matrix of a pose is longer
 MAX_ARRAY_CHANNELS = 12
 MAX_MESSAGE_DEPTH = 8  # levels of nested fields that are read
-# Units of fields by the name of the field that contains them (linear_acceleration.x), as
-# defined in REP 103, sensor_msgs and nav_msgs
+# Name of a field, e.g. linear_acceleration -> unit of the fields in it, e.g.
+# linear_acceleration.x, as defined in REP 103, sensor_msgs and nav_msgs
 ROS_UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
 ROS_TYPES = ("sensor_msgs", "geometry_msgs", "nav_msgs")
 

@@ -27,9 +27,10 @@ TIME_WORDS = (
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
 MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
-# Largest median step between rows [unit of the column], the unit that it implies, and the
-# length of that unit [s]. Rows of logs are 1 ms to 1 s apart, and the step grows by a
-# factor of 1000 from one unit to the next.
+# If the unit of a time column is unknown, the median step between rows implies it. Each
+# entry has the largest step from which a unit is concluded, the unit, and its length [s].
+# Rows of logs are 1 ms to 1 s apart, and the number for the same step grows by a factor
+# of 1000 from one unit to the next.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
@@ -283,7 +284,7 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
 
 # Limits of correct_time_units(). A group is the channels that share one array of times
 MAX_GROUP_STEP = 2.0  # median step of times; a group with a longer step may count in ms, us or ns
-MIN_GROUP_ENTRIES = 100  # a group with fewer entries keeps its unit
+MIN_GROUP_ENTRIES = 100  # a group with fewer times keeps its unit
 DURATION_TOLERANCE = 0.03  # if the unit is right, durations of groups differ by less than this share
 
 
@@ -375,7 +376,7 @@ def unpack_times(time: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, (rows,)
-        Time since the midnight before the first row, s. It does not restart at midnight.
+        [s] Time since the midnight before the first row. It does not restart at midnight.
     """
     with np.errstate(invalid="ignore"):
         whole = np.floor(time)
