@@ -72,8 +72,9 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
     """Return the proposals that would narrow the interval of an axle, cheapest first.
 
     A proposal is listed if it narrows the interval of at least one axle to less than
-    MAX_REMAINING. Computing time: partial derivatives of a simulation of 40 s for each
-    manoeuvre, and of all logs for the proposal of a measured velocity.
+    MAX_REMAINING of the present one. Most of the computing time is for partial
+    derivatives: each manoeuvre needs those of a simulation of 40 s, and the proposal of a
+    measured velocity those of all logs.
     """
     now = compute_axle_sd(problem, fit, _compute_car_information(problem, fit))
     latency_sd = _compute_sd_if_known(problem, fit, _list_latencies(problem), KNOWN_LATENCY)
@@ -108,7 +109,7 @@ def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
 
 
 def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -> dict[str, float]:
-    """Return the sd of ln(cornering stiffness) by axle, from an information matrix."""
+    """Return the sds as in Offer.sd that follow from an information matrix of the car."""
     sd = np.sqrt(np.diag(np.linalg.inv(information)))
     sd *= np.abs(problem.compute_ln_slope(fit.search)[: problem.car])
     return {k: float(sd[problem.names.index(k)]) for k in CORNERING_AXLES}
@@ -166,7 +167,10 @@ def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle
 def _compute_added_information(
     problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of the car that further logs add to the prior."""
+    """Return the information matrix of the car that follows from further logs alone.
+
+    It is the matrix of logs and prior together, minus that of the prior.
+    """
     other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
     found, n = _compute_information(other, x, np.zeros(other.knots), scales), problem.car
@@ -176,7 +180,7 @@ def _compute_added_information(
 def _compute_information(
     problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of logs, for residuals of 0 and these scales."""
+    """Return the information matrix of x for these scales, if all residuals were 0."""
     base = problem.compute_residuals(x, z)
     slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)
     return build_normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information

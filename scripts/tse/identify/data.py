@@ -1,10 +1,10 @@
 """Prepare logs for calibration and gap: smoothed inputs, stretches, blocks, sensor noise.
 
 The logged steering angle and wheel speeds are the inputs of the model. They are smoothed,
-because the tyre model differentiates their noise, which a fit would explain by
-longitudinal relaxation. The smoothing spline is the fixed-interval (RTS) smoother of a
-signal whose derivative is a random walk. Cross-validation sets its penalty: every second
-row is predicted from the other rows.
+because the tyre model differentiates them, and a fit would explain the differentiated
+noise by longitudinal relaxation. The smoothing spline is the fixed-interval (RTS)
+smoother of a signal whose derivative is a random walk. The penalty of the spline is set
+by cross-validation: every second row is predicted from the other rows.
 """
 
 from __future__ import annotations
@@ -94,7 +94,10 @@ class PreparedLog:
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """Return the values of an input `by` [s] later. This removes a latency `by`."""
+        """Return an input with a latency removed, for the given rows.
+
+        The value of a row is the one that the log has `by` [s], the latency, later.
+        """
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
@@ -266,7 +269,9 @@ def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
 
 
 def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
-    """Return the penalty with which a spline of every second row predicts the rest best.
+    """Return the best penalty of a smoothing spline, by cross-validation.
+
+    With this penalty, a spline of every second row predicts the other rows best.
 
     The penalty is the ratio of noise to signal, which does not depend on the number of
     rows. So it also holds for the spline of all rows.
@@ -444,9 +449,10 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """Return 1 for rows that a shift by MAX_FITTED_LATENCY leaves in their stretch, or 0.
+    """Return 1 for each row that stays in its stretch at any fitted latency, otherwise 0.
 
-    This excludes the last rows of a stretch. Its first rows are in BURN_IN anyway.
+    The last rows of a stretch, MAX_FITTED_LATENCY long, get 0. The first rows need no
+    such test: they are in BURN_IN and not compared anyway.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:
@@ -455,7 +461,9 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
 
 
 def group_blocks(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
-    """Group used blocks, `count` consecutive ones each; drop incomplete groups.
+    """Form groups of `count` consecutive blocks that are used; drop incomplete groups.
+
+    `time` [s] and `used` have one entry per block. No group extends across a gap in time.
 
     Returns
     -------

@@ -4,10 +4,10 @@ The cost is minimised over x (unknowns of the car, lean of the roads, and biases
 problem.py) and z (values of bank and grade at the knots of the roads, see knots.py):
     sum over residuals e of rho(e)/sd^2
     + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2.
-rho is the Huber loss, and sd that of one value of the channel, see measure_scales(). mean
-and information describe the prior of x. In each step z is eliminated: its information
-matrix is banded, and one sparse factorisation gives the Schur complement, a system of
-equations for x alone.
+rho is the Huber loss, and sd the standard deviation of one value of the channel, see
+measure_scales(). mean and information describe the prior of x. In each step z is
+eliminated: the information matrix of z is banded, and one sparse factorisation gives the
+Schur complement, a system of equations for x alone.
 
 A residual is the sum of sensor noise and model error. The noise is independent from value
 to value. The model error is correlated over MODEL_TIME, so all values in this time count
@@ -31,8 +31,8 @@ HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
-# The maximum is near if, in all channels, the ratio of the rms after a step to that
-# before it is larger than this
+# The maximum is near if a step hardly reduces the residuals: in all channels, the ratio
+# of their rms after the step to their rms before it is larger than this
 NEAR_RATIO = 0.9
 MAX_FINAL_STEP = 0.1  # [posterior sd] a step that changes no unknown by more ends the search
 MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
@@ -363,7 +363,8 @@ def _fit_road(
 ) -> tuple[np.ndarray, list[np.ndarray]] | None:
     """Fit the road for a fixed x; return z and residuals, or None if the cost rises.
 
-    The search begins with this step. Otherwise latencies and slip would absorb a hill.
+    The search begins with this step. Otherwise the first step of x would change latencies
+    and stiffness to explain the effect of a hill.
     """
     equations = build_normal(problem, scales, x, z, residuals, tables, roads)
     hills = z + equations.solve_road(np.zeros(len(x)))
@@ -384,7 +385,10 @@ def _predict_gain(
     by: np.ndarray,
     along: np.ndarray,
 ) -> float:
-    """Return the reduction of the cost by a step that the partial derivatives predict."""
+    """Return the reduction of the cost that the partial derivatives predict for a step.
+
+    The step is `by` in x and `along` in z.
+    """
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
     return compute_cost(problem, scales, x, z, residuals) - compute_cost(
         problem, scales, x + by, z + along, there
@@ -403,6 +407,8 @@ def _update_slopes(
     """Update partial derivatives so that they predict the residuals after a step.
 
     Of all updates that do so, make the smallest, measured with x in units of prior sds.
+    The step is `by` in x and `along` in z; `before` and `after` are the residuals at its
+    beginning and end.
     """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)

@@ -108,9 +108,9 @@ class Knots:
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return, for each distance, the index in z of the changed value that acts there.
 
-        `step` is one of list_moves(). It changes the values at some knots. The value that
-        acts is that of the last of these knots which the car has passed or reaches within
-        KNOT_LEAD. The index is -1 if there is no such knot.
+        `step` is one of list_moves(). It changes the values at some knots. At a distance,
+        the acting value is the one at the last of these knots that the car has passed or
+        reaches within KNOT_LEAD. If there is no such knot, the index is -1.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)

@@ -7,11 +7,11 @@ walk: sd of a random walk, per sqrt(s), whose spectrum is nowhere below that of 
 residuals. It becomes the setting of the random walk of the bias of the channel. Let D(L)
 be the mean square of the change of the residuals over a lag L. Then
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
-Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2
-comes from hills, whose autocovariance is exp(-t/T) (cos t/T + sin t/T) for variance 1.
-With this factor walk^2 = 2/T, and the spectrum of the random walk touches that of the
-hills but is nowhere below it. If the residuals are themselves a random walk, the factor
-makes walk^2 twice too large.
+Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2 is
+chosen for residuals that hills cause. Their autocovariance is
+exp(-t/T) (cos t/T + sin t/T) for variance 1. With this factor walk^2 = 2/T, and the
+spectrum of the random walk touches that of the hills but is nowhere below it. If the
+residuals are themselves a random walk, walk^2 is too large by this factor.
 """
 
 from __future__ import annotations

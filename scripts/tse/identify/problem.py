@@ -24,8 +24,8 @@ latencies of wheels and of accel_x is estimated. The common latency of both rela
 the gyro keeps its prior: accel_y and yaw_rate do not influence it (such a restriction is
 called a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The reason: the speed hardly
 changes within a latency, but braking changes the lateral forces. A small error of the
-model in this effect would be explained by a latency. With yaw_rate, the most accurate
-channel, it would be 0.1 s.
+model in this effect would be explained by a latency. If yaw_rate, the most accurate
+channel, influenced the common latency, the latency would be estimated as 0.1 s.
 """
 
 from __future__ import annotations
@@ -330,13 +330,20 @@ class CarProblem:
         return self._measured[g][self._used[g]]
 
     def _compute_signal(self, g: int) -> np.ndarray:
-        """Return the measured values minus their mean, converted as differences are."""
+        """Return the signal of a group: measured values minus their mean.
+
+        It is converted to compared values, as a difference measured - simulated is.
+        """
         used = self._used[g]
         about = self._measured[g] - self._measured[g][used].mean()
         return self._average_groups(g, np.where(used, about, 0.0))
 
     def _average_groups(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Convert a difference, one value per block, to compared values (block means)."""
+        """Convert a difference, one value per block of a group, to compared values.
+
+        It is converted by transform_difference(), then averaged over several blocks for
+        each compared value (SPEED_BLOCKS for accel_x, one for other channels).
+        """
         return self.transform_difference(g, difference)[self._together[g]].mean(axis=1)
 
     def transform_difference(self, g: int, difference: np.ndarray) -> np.ndarray:

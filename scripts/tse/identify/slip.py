@@ -2,10 +2,10 @@
 
 The search of fit.py treats wheel speeds as exact inputs. Their noise, errors of their
 latency and errors of the wheel radii therefore falsify its longitudinal stiffness. A
-regression on rows of straight driving is better suited: the free axle measures the speed,
-the relative difference of the driven axle from it is the slip, and accel_x is
-proportional to the force that causes the slip. Rows without drive force determine the
-ratio of the wheel radii, rows with drive force the stiffness.
+regression on rows of straight driving is better suited: the free axle measures the speed
+of the car, the driven axle is faster by the slip, and accel_x is proportional to the
+force that causes the slip. Rows without drive force determine the ratio of the wheel
+radii, rows with drive force the stiffness.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 # [s] latency between the wheel speeds of both axles: two messages of a bus with cycle
 # times of 10 .. 20 ms
 WHEEL_LATENCY_SD = 0.006
-# ratio of the radii of both axles, relative to the vehicle file: wear and tyre pressure;
-# it also absorbs the bias of accel_x
+# ratio of the radii of both axles, relative to the vehicle file. Wear and tyre pressure
+# change it. The unknown also compensates the bias of accel_x
 RADIUS_RATIO_SD = 0.01
 LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation time of the tyres
 DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit
@@ -74,9 +74,9 @@ WHEEL_MASS_SHARE = 0.014
 def apply_slip_regression(
     problem: CarProblem, fit: CarFit, logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> CarFit:
-    """Return the fit with longitudinal stiffness, wheel latencies and radii replaced.
+    """Return the fit with some of its unknowns replaced by results of the regression.
 
-    They are replaced by the result of the regression.
+    These are the longitudinal stiffness, the wheel latencies and the wheel radii.
 
     Parameters
     ----------
@@ -114,10 +114,10 @@ def apply_slip_regression(
 
     Method: weighted least squares with Huber weights and priors. Noise of accel_x biases
     the first regressor, so its variance is subtracted (errors in variables, Fuller 1987).
-    Residuals are correlated within blocks of 10 s, so the weights are reduced to the
-    effective number of independent samples. Two sds of each unknown are computed, by the
-    inverse information matrix and by the sandwich estimator over blocks (White 1982), and
-    the larger one is used. SLIP_MODEL_SD is added (as a variance) to the sd of ln k.
+    Residuals are correlated within blocks of 10 s, so all samples together get the weight
+    of the effective number of independent ones. Two sds of each unknown are computed, by
+    the inverse information matrix and by the sandwich estimator over blocks (White 1982),
+    and the larger one is used. SLIP_MODEL_SD is added (as a variance) to the sd of ln k.
     """
     names = list(problem.names)
     k = names.index(LONGITUDINAL_KEY)
@@ -389,7 +389,7 @@ def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
     )
     rate = np.nan_to_num(rate)  # without a gyro, the steering angle alone selects straight rows
     front, rear = car.radius[0] * spin[0], car.radius[1] * spin[1]
-    # speed of the front axle along its wheels, from that of the rear axle
+    # speed of the front axle in the direction of its wheels, computed from the rear axle
     rear_ahead = rear * np.cos(steer) + car.base * rate * np.sin(steer)
     first = 1 if car.driven == "rear" else 0  # axle whose slip is measured
     v = smooth(front if first else rear)

@@ -110,8 +110,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown(
         "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
-    # the axles share a longitudinal force in proportion to their stiffness; a wrong ratio
-    # would be explained by wheel latencies of tens of ms
+    # the axles share a longitudinal force in proportion to their stiffness; if the ratio
+    # of the stiffnesses is wrong, the fit explains this by wheel latencies of tens of ms
     Unknown(
         "longitudinal_stiffness_rear",
         "rear longitudinal stiffness",
@@ -177,7 +177,8 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# unknown -> a second unknown that also scales accel_y, and the factor of the second one
+# unknown that scales accel_y -> a second unknown that also does, and a factor. The factor
+# times the second unknown is the scale error that the second unknown causes
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads of a log; name_in_log() adds the index of the log
 

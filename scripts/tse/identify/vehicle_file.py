@@ -21,9 +21,11 @@ from tse.car.vehicle import (
 from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-PRIOR_PIECES = 2.0  # weight of the prior value of model_sd: that of 20 s of curves, 2 PIECE_TIME
-# [m/s2] lateral acceleration that makes the `floor` of measure_share(); as MIN_ACTIVITY
-# of the filter
+# [pieces of LASTING_PIECE_TIME] weight of the prior value of model_sd: that of a log with
+# 20 s of curves
+PRIOR_PIECES = 2.0
+# [m/s2] lateral acceleration from which the `floor` of measure_share() is computed; the
+# same as MIN_ACTIVITY of the filter
 MIN_LATERAL_ACTIVITY = 0.5
 
 

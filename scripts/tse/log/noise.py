@@ -49,7 +49,8 @@ MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 class Misfit:
     """Difference between an accelerometer and the kinematics."""
 
-    sd: float  # [m/s2] sd of white noise in each row that would give the same averages over 0.2 s
+    # [m/s2] sd, in each row, of white noise that would have the same averages over 0.2 s
+    sd: float
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
 

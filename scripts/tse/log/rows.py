@@ -166,12 +166,12 @@ class CheckedLog:
     # axle without wheel speeds in the file. It receives those of the other axle, and
     # longitudinal slip is not observable. None: the file has wheel speeds of both axles
     stand_in: str | None = None
-    # factor by which the received speeds were multiplied: wheel radius of the other axle /
-    # wheel radius of the axle `stand_in`
+    # factor by which the received speeds were multiplied: wheel radius of the other axle
+    # divided by the wheel radius of this axle
     stands_by: float = 1.0
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
-    # axle with both wheel speeds in the file -> (right - left wheel speed)/yaw rate. This
-    # ratio equals track width/wheel radius. 0: noise dominates
+    # axle with both wheel speeds in the file -> (right - left wheel speed)/yaw rate, i.e.
+    # track width/wheel radius. 0: noise dominates
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
@@ -237,7 +237,8 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
     spare : collection of str
         Channels that are not required. In addition, one of both axles may be missing.
     """
-    misspelt = {n.lower() for n in names} - {*names}  # channels whose columns are in upper case
+    # channels whose columns are written with capital letters: misspelt, but not absent
+    misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
     # if the log has only one wheel of an axle, the axle counts as required, and

@@ -19,7 +19,8 @@ from tse.library.errors import UserError
 from tse.log.clock import DAY
 from tse.readers.databases import IDENTIFIER_MASK
 
-DETECTION_BYTES = 1 << 16  # the format of a file is detected from its first bytes, this many
+# [bytes] length of the first part of a file that is read to detect its format
+DETECTION_BYTES = 1 << 16
 MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
 # number of frames at the beginning of a file that are read to determine the unit of the
 # times and the base (10 or 16) of the identifiers

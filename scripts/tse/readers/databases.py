@@ -300,9 +300,8 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
     """Return a statement about a signal with the clean name of the signal.
 
-    The statement is one of values, type or comment.
-
-    Return "" if the statement cannot be parsed or its signal does not exist."""
+    The statement gives values, type or comment of the signal. If it cannot be parsed, or
+    its signal does not exist, return ""."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""

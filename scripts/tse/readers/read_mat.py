@@ -18,7 +18,8 @@ from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recordi
 # [bytes] unpacked size up to which a file of version 5 is read at once; the variables of
 # a larger file are read one by one
 MAX_BYTES_AT_ONCE = 1 << 25
-MAX_MATRIX_COLUMNS = 16  # a matrix with more columns is skipped; otherwise each column is a channel
+# A matrix with more columns is skipped. Each column of any other matrix is a channel
+MAX_MATRIX_COLUMNS = 16
 MIN_VECTOR_LENGTH = 2
 COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
 # [bytes] largest unpacked size of a variable of version 5, enough for 30 h at 1 kHz

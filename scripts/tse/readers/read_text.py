@@ -28,8 +28,9 @@ from tse.readers.table import (
     split_words,
 )
 
-MAX_HEADERS = 4  # number of rows directly above the data that may hold names, units or sources
-HEAD_LINES = 400  # the layout of a file is found from its first lines, this many
+# number of rows directly above the data that may hold names, units or sources of channels
+MAX_HEADERS = 4
+HEAD_LINES = 400  # number of lines at the beginning of a file that are read to find its layout
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 CLOCK_CELL = re.compile(

@@ -49,7 +49,7 @@ UNREADABLE = {  # suffix of a file that no module reads -> advice to the user
     ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }
-HEAD_BYTES = 1 << 14  # the format of a file is detected from its first bytes, this many
+HEAD_BYTES = 1 << 14  # [bytes] first part of a file that is read to detect its format
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
@@ -108,7 +108,9 @@ def choose_reader(path: Path) -> str:
 
 GZIP = b"\x1f\x8b"  # first bytes of a gzip file
 MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking that is always allowed
-MAX_UNPACKED_RATIO = 40  # above MIN_UNPACKED_LIMIT: largest allowed ratio of unpacked to packed size
+# largest allowed ratio of unpacked to packed size, if the unpacked size is above
+# MIN_UNPACKED_LIMIT
+MAX_UNPACKED_RATIO = 40
 
 
 @contextmanager
