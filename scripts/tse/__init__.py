@@ -19,9 +19,9 @@ from sensors that every car has.
 
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
 Every stiffness is that of a whole axle. NaN is a missing value. The C library computes
-all estimates, so they have the same bits as in C. tse.tables lists its settings and
-channels with units and ranges, tse.errors has the exceptions, and tse.files the file
-functions for commands that are built on tse.
+all estimates, so they have the same bits as in C. tse.tables lists the settings and the
+channels with units and ranges. tse.errors has the exceptions. tse.files has functions
+that commands built on tse use to write files.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ __all__ = [
 ]
 
 _MODULES = ("errors", "files", "tables")
-# Name and the module that defines it. A module is imported at the first use of one of its
-# names, so that `tselab --help`, which imports tse, does not wait for numpy and pandas
+# Key: public name. Value: module that defines it. A module is imported when one of its
+# names is first used, so that `tselab --help`, which imports tse, does not wait for numpy and pandas
 _LATER = {
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
     **dict.fromkeys(("Result", "estimate"), "tse._estimate"),

@@ -20,7 +20,7 @@ class EstimateBase:
 
     @property
     def stiffness(self) -> Array:
-        """(3,) means: cx_front [N], cy_front, cy_rear [N/rad]."""
+        """(3,) mean stiffnesses: cx_front [N], cy_front and cy_rear [N/rad]."""
         return np.array([getattr(self, s) for s in STIFFNESS])
 
     @property

@@ -66,8 +66,8 @@ class Calibration(Shown):
 
     @property
     def shown_words(self) -> tuple[str, ...]:
-        """A sentence for each parameter that these logs determine, in
-        order of decreasing evidence."""
+        """A sentence for each parameter that these logs determine. The parameter with the
+        strongest evidence comes first."""
         return tuple(f.words for group in self._result.groups for f in group.members if f.shown)
 
     @property
@@ -81,8 +81,9 @@ class Calibration(Shown):
         return results.USABLE if is_usable else results.NOTHING
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row per parameter of the car: name, unit, before, value,
-        sd, shown (whether the logs determine it), words ..."""
+        """Return a table with a row per parameter of the car. Columns: name, unit, before
+        (value in the vehicle file), value (fitted value), sd, shown (whether the logs
+        determine the parameter), words (a sentence) ..."""
         return pd.DataFrame([f.as_json() for f in self._result.findings])
 
     def to_dict(self) -> dict[str, Any]:

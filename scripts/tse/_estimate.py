@@ -82,7 +82,7 @@ class Result(Shown):
 
     @property
     def time(self) -> Array:
-        """(n,) time of each row as in the log, s."""
+        """(n,) [s] time of each row, as in the log."""
         return self.table["time"].to_numpy(float)
 
     def _select_three(self, end: str) -> Array:
@@ -90,7 +90,7 @@ class Result(Shown):
 
     @property
     def stiffness(self) -> Array:
-        """(n, 3) means: cx_front [N], cy_front, cy_rear [N/rad]."""
+        """(n, 3) mean stiffnesses: cx_front [N], cy_front and cy_rear [N/rad]."""
         return self._select_three("")
 
     @property
@@ -107,9 +107,10 @@ class Result(Shown):
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) spread, in the units of `stiffness`. Forms "robust" and "paper":
-        standard deviation of the stiffness from sample to sample. Default form: size of
-        the model discrepancy, expressed as a stiffness."""
+        """(n, 3) spread, in the units of `stiffness`. With the forms "robust" and "paper"
+        it is the standard deviation of the stiffness from sample to sample. With the
+        default form it is the size of the model discrepancy, expressed as a
+        stiffness."""
         return self._select_three("_spread")
 
     @property
@@ -146,8 +147,8 @@ class Result(Shown):
     @property
     def answer(self) -> tuple[str, ...]:
         """Three lines: each stiffness with its 95 % interval, and whether it is usable.
-        If the road changed, there are three lines for each of the last stretches.
-        `repr()` returns the same."""
+        If the road changed, there are three lines for each of the last two stretches of
+        road between changes. `repr()` returns the same."""
         return tuple(make_answer(self._get_findings()[0], self._make_config()))
 
     def __repr__(self) -> str:
@@ -170,11 +171,11 @@ class Result(Shown):
         """Table of `tselab estimate --table`: a row for each stiffness on each stretch of
         road between two changes.
 
-        start, end [s]; value, the estimate at the end of the stretch, with its sd and 95
-        % interval low .. high [N or N/rad], given even if no row is valid; smoothed, the
-        estimate smoothed over the stretch, with smoothed_sd, smoothed_low ..
-        smoothed_high and smoothed_reason ("valid", or why it should not be used); valid
-        (share of valid rows), usable, reason, change, change_probability, ratio, text."""
+        Columns: start, end [s]; value (estimate at the end of the stretch, given even if
+        no row is valid), sd, low, high (95 % interval) [N or N/rad]; smoothed (estimate
+        smoothed over the stretch), smoothed_sd, smoothed_low, smoothed_high;
+        smoothed_reason ("valid", or why `smoothed` should not be used); valid (share of
+        valid rows), usable, reason, change, change_probability, ratio, text."""
         return results.make_frame(self._make_rows(Path(), self.warnings), results.ESTIMATE_COLUMNS).drop(
             columns="log"
         )
@@ -212,24 +213,25 @@ class Result(Shown):
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run early (`keep_partial`)."""
+        """Whether Ctrl-C ended the run early. Always False without `keep_partial`."""
         return self._get_estimates().interrupted
 
     @property
     def calibration_interrupted(self) -> bool:
-        """Whether Ctrl-C ended the calibration on the log itself (`keep_partial`)."""
+        """Whether Ctrl-C ended the calibration on the log itself. Always False without
+        `keep_partial`."""
         return self.calibration is not None and self.calibration.get("why") == STOPPED
 
     @property
     def reported(self) -> bool:
-        """Whether the page of the argument `report` was written. It is not written if no
-        row was estimated."""
+        """Whether the page was written to the file `report`. It is not written if no row
+        was estimated."""
         return self._ran is not None and self._ran[0].reported
 
     @property
     def started_from(self) -> str | None:
-        """Sentence about the learnt state that the run started from, and its age. None:
-        the run did not start from a learnt state."""
+        """Sentence about the learnt state from which the run started, with the age of
+        this state. None: the run did not start from a learnt state."""
         return self._ran[0].started_from if self._ran is not None else None
 
     def _get_findings(self) -> tuple[list[Finding], list[regimes.Change]]:
@@ -313,8 +315,8 @@ class Result(Shown):
         return self._ran
 
     def _check_whole(self, what: str) -> None:
-        """Raise ValueError if `table` is only a summary. `what`: method that needs all
-        rows and columns."""
+        """Raise ValueError if `table` is only a summary. `what`: name of the method that
+        needs all rows and columns, for the message."""
         if not set(list_est_columns()) <= {*self.table}:
             raise ValueError(
                 f"{what}: this result holds only a summary, because `out` wrote the rows to a file. Call "
@@ -391,15 +393,15 @@ def estimate(
         "default", or a particle filter: "paper" is the paper's filter as printed,
         "robust" the same with settings that keep it from diverging.
     average
-        Length of the blocks over which the log is averaged before the filter runs, s, at
-        most 0.1. It is meant for noisy sensors. None: no averaging.
+        [s] Length of the blocks over which the log is averaged before the filter runs, at
+        most 0.1. Averaging is meant for noisy sensors. None: no averaging.
     learnt
         Learnt state of an earlier drive of this vehicle (Result.learnt or
         Filter.save_learnt()), or the Path of a file with it. None: the filter
         starts from the settings.
     age
-        Time since the drive of `learnt`, s. By default, the age of the file or, for
-        bytes, unknown.
+        [s] Time since the drive on which `learnt` was learnt. By default it is the age of
+        the file. For bytes it is unknown by default.
     calibrate
         Whether a car without calibrated stiffness is first calibrated on this log
         (Result.calibration). If `learnt` is given, the car is never calibrated.
@@ -415,10 +417,11 @@ def estimate(
         File to which the estimates are written while the filter runs: Parquet if it ends
         in .parquet, otherwise CSV. Result.table then is a summary, which saves memory.
     report
-        File for the page of `tselab estimate --report`, which is drawn during the run.
+        File for the HTML page that `tselab estimate --report` writes. Its plots are
+        prepared during the run.
     keep_partial
-        Whether Ctrl-C returns the rows that are done (Result.interrupted) instead of
-        raising KeyboardInterrupt.
+        If True, the call returns the rows done so far after Ctrl-C (Result.interrupted).
+        If False, it raises KeyboardInterrupt.
     progress
         Called with a sentence about the current step of the calibration.
     bar
@@ -495,8 +498,8 @@ def estimate(
 def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
     """Return a learnt state that is given as bytes or as a file.
 
-    `age`: time since the state was learnt, s; for a file, UNKNOWN_AGE
-    means the age of the file."""
+    `age`: [s] time since the state was learnt. If it is UNKNOWN_AGE and `learnt` is a
+    file, the age of the file is used."""
     if isinstance(learnt, os.PathLike):
         return read_learnt(Path(learnt), None if age == UNKNOWN_AGE else age)
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)

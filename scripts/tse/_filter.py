@@ -107,12 +107,13 @@ class Filter:
 
     @property
     def latencies(self) -> dict[str, float]:
-        """Delay of each channel relative to yaw_rate, s.
+        """[s] Delay of each channel relative to yaw_rate.
 
         The delays are the settings `steer_angle_latency` and the like, or the table
         `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, each row
-        waits until its late channels have arrived. Meanwhile the status is WAITING, and
-        the estimates refer to a time that is `estimate_age` before the row."""
+        waits until the values of its delayed channels have arrived. During this time
+        the status is WAITING. The estimates refer to a time that is `estimate_age` [s]
+        before the row."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
             for c in CHANNELS
@@ -186,8 +187,8 @@ class Filter:
             ) from None
 
     def _compute_step(self, now: float | None, step: float | None) -> float:
-        """Return the time since the row before, s. For the first row, for which the
-        filter does not use it, return the sample time.
+        """Return the time [s] since the previous row. For the first row return the sample
+        time; the filter does not use it there.
 
         `now`, `step`: `time` and `dt` as the caller gave them; None: not given."""
         if now is not None and step is not None:
@@ -260,8 +261,8 @@ class Filter:
         learnt
             Bytes from save_learnt() or Result.learnt.
         age
-            Time since that drive, s. If it is unknown, the initial sd of the state is at
-            least that of the settings.
+            [s] Time since that drive. If it is unknown, no initial sd of the state is
+            smaller than without a learnt state.
 
         Raises
         ------
@@ -326,7 +327,7 @@ def make_conversions(config: core.Config) -> list[Convert]:
     channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.optional])}}
 
     def scaled(factor: float) -> Convert:
-        if lib.real == np.float32:  # round the product to single precision, as in arrays of the library
+        if lib.real == np.float32:  # round the product to single precision, as NumPy does for arrays
             return lambda x: (float(np.float32(x) * np.float32(factor)),)
         return lambda x: (x * factor,)
 

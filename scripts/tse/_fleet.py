@@ -47,8 +47,8 @@ class Fleet(Shown):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of logs that are usable ("yes"), usable in part ("in part"), not usable
-        ("no"), and that could not be estimated ("error")."""
+        """Number of logs for each outcome: "yes" (usable), "in part" (usable in part),
+        "no" (not usable), "error" (could not be estimated)."""
         read = [d.outcome.code for d in self._done if not d.outcome.error]
         return {word: read.count(code) for code, word in results.CODES.items()} | {"error": len(self.errors)}
 
@@ -61,8 +61,9 @@ class Fleet(Shown):
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of the name of a car, and a sentence with its smallest stiffness or the
-        reason why no stiffness is known. The car with the smallest stiffness is first."""
+        """A pair for each car: its name, and a sentence with its smallest stiffness or, if
+        no stiffness is known, with the reason. The car with the smallest stiffness comes
+        first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -171,8 +172,8 @@ def fleet(
         Folder for the files, created if needed. A later call with the same folder
         estimates only logs that are new or have changed.
     vehicles
-        A CSV table that assigns vehicle files to logs, instead of `vehicle`. Its columns
-        are log, vehicle, car and signals.
+        A CSV table that assigns a vehicle file to each log. It is given instead of
+        `vehicle`. Its columns are log, vehicle, car and signals.
     car
         Name of the car that all logs belong to.
     settings
@@ -190,7 +191,7 @@ def fleet(
     estimates
         Whether the estimates of every row are kept, in a Parquet file for each log.
     restart
-        Whether logs that are already done run again.
+        Whether logs that an earlier call has already estimated are estimated again.
     jobs
         Number of processes on this machine that run logs. 1: only the calling process.
     isolate

@@ -17,14 +17,14 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
     Parameters
     ----------
     path
-        A file that gap() has written, or that is written by hand. `tselab formula --help`
-        shows an example.
+        A file that gap() or the user has written. `tselab formula --help` shows an
+        example.
 
     Returns
     -------
     Formula
-        The formula: place, text, gain, numbers. settings() returns the settings with
-        which the filter uses it.
+        The formula, with the members place, text, gain and numbers. Its method settings()
+        returns the settings that make the filter use the formula.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def write_c_formula(formula: Formula, path: str | os.PathLike[str]) -> Path:
     formula
         Result of read_formula().
     path
-        The header. An existing file is replaced.
+        File for the header. An existing file is replaced.
 
     Returns
     -------

@@ -53,8 +53,8 @@ class Gap(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The verdict in sentences, without the remaining residuals of the channels,
-        which are in `stages`."""
+        """The verdict in sentences, without those about the remaining residuals of the
+        channels. `stages` has sentences about the residuals."""
         return tuple(line for line in self._result.words if not line.startswith("Still left: "))
 
     @property
@@ -83,9 +83,9 @@ class Gap(Shown):
 
     @property
     def rms(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Ratios of the rms residual to the sensor noise. `rms[part][channel]` is the
-        pair of the ratios without and with the named effects, where part is "fit" for the
-        fitted logs or "held_out"."""
+        """Ratios of the rms residual to the sensor noise. `rms[part][channel]` is a pair:
+        the ratio without the named effects, and the ratio with them. `part` is "fit" for
+        the fitted logs, or "held_out"."""
         fit = {c: (x, self._result.fit_after[c]) for c, x in self._result.fit_before.items()}
         held = {c: (x.before, x.after) for c, x in self._result.held_out.items()}
         return {"fit": fit, "held_out": held}
@@ -187,8 +187,8 @@ class GapCheck:
 
     @property
     def text(self) -> str:
-        """A table of the effects, and the channels that the effects which would not be
-        detected change."""
+        """A table of the effects. Below it are the effects that would not be detected,
+        each with the channels in which it would be visible."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -248,7 +248,8 @@ class GapPlan:
         at most an hour."""
 
     def text(self, rows: int = 6) -> str:
-        """Return a sentence about the best manoeuvre, and a table of the best `rows`."""
+        """Return a sentence about the best manoeuvre, and a table of the best manoeuvres,
+        at most `rows` of them."""
         return self._found.text(rows)
 
     def to_dict(self) -> dict[str, Any]:

@@ -133,7 +133,7 @@ class Live:
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
-        """Events of bus, road and sensors so far: time [s] and sentence."""
+        """Events of bus, road and sensors so far, as pairs of time [s] and sentence."""
         return tuple(self._drive.said)
 
     @property
@@ -163,7 +163,8 @@ class Live:
 
     @property
     def numbers(self) -> str:
-        """Number of frames and rows, rate and delay, as a sentence."""
+        """Sentence with the number of frames and rows, the rate of the rows, and the delay
+        of the estimates."""
         return self._drive.numbers()
 
     @property
@@ -201,8 +202,8 @@ class Live:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
     def _get_result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
-        """Return estimates, findings, changes and contradictions of the drive. Those of a
-        closed drive are computed only once."""
+        """Return estimates, findings, changes and contradictions of the drive. After
+        close(), they are computed only once."""
         if not self._drive.closed:
             return self._drive.result()
         self._ended = self._ended or self._drive.result()
@@ -247,8 +248,8 @@ def live(
         An open bus of python-can, instead of `interface` and `channel`. It
         is shut down at the end.
     signals
-        The file signals.toml. None: the signals.toml in the folder of the database or, if
-        there is none, signals are proposed from the frames.
+        The file signals.toml. None: the file signals.toml in the folder of the database
+        is used. If there is none, the signals are proposed from the received frames.
     out
         An empty or new folder in which the drive is recorded, as by `tselab live`. None:
         the drive is not recorded.
@@ -260,12 +261,12 @@ def live(
         Learnt state of an earlier drive of this vehicle (Live.learnt or Result.learnt),
         or the Path of a file with it.
     age
-        Time since the drive of `learnt`, s. By default, the age of the file or, for
-        bytes, unknown.
+        [s] Time since the drive on which `learnt` was learnt. By default it is the age of
+        the file. For bytes it is unknown by default.
     rate
         Rows per second. None: the rate of the fastest channel, at most 100.
     duration
-        Time after which the iteration ends, s. None: it ends at stop().
+        [s] Time after which the iteration ends. None: it ends at stop().
     say
         Called with a sentence for each event, such as a change of the road or a message
         that is no longer received. The call may come from any thread.

@@ -55,12 +55,12 @@ class Log(Shown):
 
     @property
     def time(self) -> Array:
-        """(n,) time of each row, s."""
+        """[s] Time of each row."""
         return np.asarray(self._checked.time, float)
 
     @property
     def sample_time(self) -> float | None:
-        """Usual time between rows, s."""
+        """[s] Usual time between rows."""
         return self._checked.sample_time
 
     @property
@@ -107,7 +107,8 @@ def read_log(
         The file that assigns signals to channels. None: the signals.toml next to the log
         or, if there is none, the assignment is guessed.
     rate
-        Rate of the rows, Hz. None: that of the log, or the rate in `signals`.
+        [Hz] Rate of the rows. None: the rate in `signals` or, if it has none, the rate of
+        the log.
     strict
         Whether a problem that is normally a warning raises an Error.
     databases
@@ -160,8 +161,8 @@ def collect_logs(logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int 
 
 
 def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """Return a log in memory as a mapping of names to columns. Raise TypeError if it has
-    no named columns."""
+    """Return a log in memory as a mapping: key: name of a column, value: the column.
+    Raise TypeError if the log has no named columns."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
     if isinstance(frame, pd.DataFrame | Mapping):
@@ -215,8 +216,8 @@ class Signals(Shown):
 
     @property
     def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """For each proposed signal a sentence, and the numbers
-        that support the proposal."""
+        """A pair for each proposed signal: a sentence, and the numbers that support the
+        proposal."""
         return tuple((format_headline(g), tuple(g.figures)) for g in self._proposal.guesses)
 
     @property

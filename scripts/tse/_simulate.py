@@ -29,8 +29,8 @@ from tse.simulation.simulate import simulate as _simulate
 
 
 class Simulated(NamedTuple):
-    """Result of simulate(): log and truth. Row k of one has the time of row k of the
-    other."""
+    """Result of simulate(): log and truth. Both tables have a row for each time, in the
+    same order."""
 
     log: pd.DataFrame
     """Sensor readings, with the columns that estimate() expects."""
@@ -103,10 +103,11 @@ def simulate(
     settings
         Any settings of the simulator (`tselab settings --simulator`) or of the car.
         `wheel_speed_sd` is 0.02 rad/s unless it is given here, because real wheel speeds
-        have noise, and the filter takes a channel whose value does not change for frozen.
+        have noise, and the filter treats a channel whose value never changes as frozen.
     road
-        Road that the car drives on: a file road.csv or a Road. Bank and grade are those
-        at the distance travelled. The log contains the positions of the road there.
+        Road that the car drives on: a file road.csv or a Road. In each row, the car has
+        the bank and grade of the road at the distance travelled, and the log has the
+        position of the road at this distance.
     bar
         Show a progress bar on standard error.
 
@@ -233,8 +234,8 @@ def replay(
     settings
         Any settings by name. They override those of the vehicle.
     road
-        Bank and grade of the road: a file road.csv or a Road. None: those of the columns
-        bank and grade of the log or, without them, a level road.
+        Bank and grade of the road: a file road.csv or a Road. None: the columns bank and
+        grade of the log are used; if it has no such columns, the road is level.
     reading
         Options for reading a file: signals, rate, strict, databases.
 

@@ -103,8 +103,8 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
         As in read_vehicle().
     path
         The header. An existing file is replaced. The header defines the function
-        tse_config_car(&c). If it is called after tse_config_default(&c), the settings are
-        those with which estimate() runs at 100 Hz.
+        tse_config_car(&c). Call this function after tse_config_default(&c). The settings
+        in c are then those with which estimate() runs at 100 Hz.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def _copy_plain(value: Any) -> Any:
 def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
     """Return the path of the vehicle file. For a mapping, write the file into `folder`.
 
-    Raise UserError for a Vehicle that is in no file, or differs from its file."""
+    Raise UserError if a Vehicle was not read from a file, or was changed since."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
             raise UserError("the vehicle is not read from a file: give a file or a mapping with its keys")

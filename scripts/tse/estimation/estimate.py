@@ -43,7 +43,7 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MAX_LEARNT = 1 << 16  # [bytes] max length that is read of a file; every learnt state is shorter
+MAX_LEARNT = 1 << 16  # [bytes] read at most this much of a file; every learnt state is shorter
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,9 @@ def _find_kind(column: Any) -> tuple[str, bool, bool]:
     same : bool
         True if all cells have the same text. Only one cell is then converted.
     plain : bool
-        True if no number is missing or an integer. orjson writes "null" and "2.0" for
-        these, which _join_cells() replaces by "" and "2"."""
+        True if all numbers have a fractional part. Otherwise, orjson writes a missing
+        number as "null" and an integer as "2.0", and _join_cells() must replace these
+        strings by "" and "2"."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
@@ -179,7 +180,7 @@ def _encode_words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
     for column in columns:
         words = [*map(str, column.categories), ""]
         if any(c in word for word in words for c in ',"\r\n'):
-            return None  # CSV needs quotes around this word; only Arrow writes them
+            return None  # CSV needs quotes around this word, and only Arrow writes quotes
         found.append(np.array([word.encode() for word in words], object)[column.codes].tolist())
     return list(map(b",".join, zip(*found, strict=True)))
 
@@ -486,7 +487,8 @@ def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
 
 
 def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
-    """Convert codes of tse_reason to words; for refused rows to REFUSED."""
+    """Return the reason of each row as a word: REFUSED for refused rows, otherwise the
+    name of the code (tse_reason)."""
     words = [f.name for _, f in sorted(library().codes(REASON).items())]  # word i has code i
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
@@ -512,8 +514,8 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
             file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# Columns from which verdicts, remarks and events are made -> smallest type that holds the
-# values, because up to MAX_SUMMARY rows stay in memory. None: a pd.Categorical
+# Key: column from which verdicts, remarks or events are made. Value: smallest type that
+# holds its values, because up to MAX_SUMMARY rows stay in memory. None: pd.Categorical
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
@@ -532,15 +534,16 @@ class Summary:
     """Collects the columns of SUMMARY block by block.
 
     `head` is the table without rows, and `rows` the number of rows of the log. If the log
-    has more than MAX_SUMMARY rows, only every n-th row is kept, with the smallest
-    sufficient n."""
+    has more than MAX_SUMMARY rows, only every n-th row is kept. n is the smallest number
+    for which at most MAX_SUMMARY rows are kept."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
         self._stride = max(1, -(-rows // MAX_SUMMARY))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        # The system reserves memory of np.zeros() only when it is written to. Columns
-        # that stay 0, such as those of faults and changes, therefore need no memory.
+        # For an array of np.zeros(), the system provides memory only when the array is
+        # written to. Columns that stay 0, such as those of faults and changes, therefore
+        # need no memory.
         self._columns = {
             name: np.zeros(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()
         }

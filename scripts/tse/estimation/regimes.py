@@ -1,9 +1,9 @@
 """Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults
 of a channel, sliding wheels. Find the stretches of road between the changes.
 
-A regime is one of the states in REGIMES, of which the filter computes the probabilities.
-If a table lacks the columns of EVENT_COLUMNS, there are no events, and the whole drive is
-one stretch."""
+A regime is a state of road, car or sensors, such as "sliding". REGIMES lists them. The
+filter computes the probability of each regime in each row. If a table lacks the
+columns of EVENT_COLUMNS, there are no events, and the whole drive is one stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,8 @@ REGIMES = {
 KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}
 # change_kind -> stiffnesses that such a change affects. Their ratios are reported.
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
-# Columns of the regimes that are reported as intervals of time -> name of the interval
+# Some regimes are reported as intervals of time. Key: column with the probability of such
+# a regime. Value: name of the interval
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
 # Columns in which events are found -> smallest type that holds the values
 EVENT_COLUMNS: dict[str, type] = {
@@ -40,7 +41,7 @@ EVENT_COLUMNS: dict[str, type] = {
     "change_kind": np.int8,
     **{f"change_{s}": np.float32 for s in STIFFNESS},
 }
-# Columns from which the sd of the ratio of a change is computed
+# Columns from which the sd of the ratio (stiffness after / before a change) is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
 # [s] Max time between two reports of the same change, and between two intervals of the
@@ -201,8 +202,8 @@ def _make_change(
 def _find_begin(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Return the row after which a change began, which the filter detected only after row
-    `before`. The result lies between `first` and `before`.
+    """Return the row after which a change began. The filter detected this change only
+    after row `before`. The result lies between `first` and `before`.
 
     Until the filter detects the change, it attributes the new samples to the old road. So
     the estimated means drift towards the means of the new road, which are those of row
@@ -210,9 +211,9 @@ def _find_begin(
     change, and averaged over the stiffnesses that the change affects. The change began at
     the row at which this share minus CREEP times the time until row `before` is largest.
 
-    A mean also moves while the filter still learns the stiffness on the old road. The
-    variance decreases meanwhile. Of a movement, 1.96 times the square root of this
-    decrease is not counted as drift."""
+    A mean also moves while the filter still learns the stiffness on the old road. During
+    this time the variance decreases. Therefore 1.96 times the square root of this
+    decrease is subtracted from the movement, and only the rest counts as drift."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
     # The drift is a share of at most 1. More than 1 / CREEP seconds before row `before`,
     # it is therefore smaller than CREEP times the time, and these rows need no check.
@@ -261,9 +262,9 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
     """Return the number of the channel at fault in each row, with missing numbers filled
     in.
 
-    In the first rows of a fault, the channel may still be unknown (0). They get the
-    number of the next row of the same run whose channel is known. `runs` has the first
-    row of each run and the row after its last."""
+    In the first rows of a fault, the channel may still be unknown (0). Such a row gets
+    the number of the next row of the same run in which the channel is known. `runs` has a
+    pair for each run: its first row, and the row after its last row."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):

@@ -14,9 +14,10 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min share of the variance in a row that later rows can reduce. The other part of the
-# variance is the same in all rows. It is computed at the end of the log
-# (compute_fixed_parts()), and may be larger than the variance in an earlier row.
+# Min share of the variance in a row that later rows can reduce. It is the variance minus
+# the part that is common to all rows (compute_fixed_parts()). The common part is computed
+# at the end of the log. It may exceed the variance in an earlier row, and the difference
+# would then be negative.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -102,10 +103,11 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     tuple
         Stiffness and sd in the unit of the column. NaN if every row was refused.
 
-    Notes ----- ln of the stiffness is smoothed, and the returned stiffness is exp of the
-    mean over the rows. The variance is the mean of the smoothed variances plus the
-    variance of the smoothed means over the rows. So it does not decrease with the number
-    of rows.
+    Notes
+    -----
+    ln of the stiffness is smoothed, and the returned stiffness is exp of the mean over
+    the rows. The variance is the mean of the smoothed variances plus the variance of the
+    smoothed means over the rows. So it does not decrease with the number of rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[

@@ -52,34 +52,36 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# If a stiffness has one of these reasons in the last row of a log, its level is at most
-# "partly"
+# If a stiffness has one of these reasons in the last row of a log, Verdict.level is at
+# most "partly"
 AT_FAULT = ("sensor fault", "implausible")
-# If a stiffness has one of these reasons, the answer states its sd and the limit of this
-# sd
+# If a stiffness is not valid for one of these reasons, the text of the verdict states its
+# sd, and the limit that the sd exceeds
 LIMITED = ("uncertain", "parameters uncertain")
-# Min number of changes, and max mean time [s] between them, with which the model is
-# probably wrong. Such frequent changes of the road are improbable.
+# If a log has at least MANY_CHANGES changes, and the mean time between them is below
+# CHANGE_INTERVAL [s], a remark says that they are implausible: a road does not change so
+# often, so probably a channel or the vehicle file is wrong.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
 NOISY = 1.25  # min reported ratio of the estimated noise of a channel to its setting
 # Reasons of rows in which the filter does not check whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
-# [s] Max driving time before the first contradiction of the channels in a log that is
-# contradicted as a whole. If it comes later, a channel has failed during the drive.
+# [s] If the channels first contradict each other after more than this driving time, a
+# channel has failed during the drive. If they do so earlier, the whole log is wrong. For
+# exceptions see describe_implausible()
 AGREED = 20.0
-# Share of implausible rows among the driven rows above which the whole log is implausible
+# If a larger share than this of the driven rows is implausible, the whole log may be
 MIN_IMPLAUSIBLE = 0.5
-# [s] Max time from the last valid row to the end of the log with which a stiffness counts
-# as valid at the end
+# [s] A stiffness counts as valid at the end of the log if its last valid row is at most
+# this time before the end
 RECENT = 1.0
-# An interval is attributed to uncertain parameters if two limits are exceeded: their
-# share of the variance, and the ratio of the sd that they cause to the stiffness
+# The width of an interval is attributed to uncertain parameters of the car if they cause
+# more than UNCERTAIN_SHARE of the variance, and an sd above MIN_UNCERTAIN * stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max |estimated lag| of the steering angle, in prior sds. A larger lag means that a
-# different logger or signal was used.
+# Max difference of the estimated lag of the steering angle from the vehicle file, in prior
+# sds. A larger difference means that a different logger or signal was used.
 UNLIKELY = 3.0
-MIN_VALID = 0.005  # min share of valid rows with which a stiffness counts as valid
+MIN_VALID = 0.005  # a stiffness counts as valid if at least this share of the rows is valid
 DEG_PER_RAD = 180 / np.pi  # [deg/rad]
 
 
@@ -166,8 +168,8 @@ def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, o
     """Return the verdict with the smoothed value added to members and text.
 
     The smoothed value is valid if the share of valid rows is at least MIN_VALID and the
-    relative sd of the smoothed value is at most the setting valid_sd. `part` is the entry
-    of compute_fixed_parts(), and `of` is "the log" or "the stretch"."""
+    relative sd of the smoothed value is at most the setting valid_sd. `part` is the value
+    of compute_fixed_parts() for this stiffness. `of` is "the log" or "the stretch"."""
     value, sd = smooth_stretch(rows, v.key, config, part)
     if not value > 0:
         return v
@@ -252,10 +254,10 @@ def describe_implausible(table: pd.DataFrame) -> str:
     the log as a whole; otherwise an empty string.
 
     This is the case if more than the share MIN_IMPLAUSIBLE of the driven rows is
-    implausible, and the last driven row, too: a wrong unit, sign or axle persists to the
-    end. If a channel fails during the drive, fewer rows are implausible, or the first of
-    them comes after AGREED and the error is not a constant factor. Then only these rows
-    are not valid, and the string is empty.
+    implausible, and also the last driven row, because a wrong unit, sign or axle persists
+    to the end. It is not the case if a channel fails during the drive. Then fewer rows
+    are implausible, or the first of them comes after AGREED, the channel is not a wheel
+    speed, and the error is not a constant factor. Only these rows are then not valid.
 
     The filter checks each row (src/filter/plausible.c), but only after some bends,
     accelerations and decelerations."""
@@ -294,8 +296,8 @@ def _name_contradiction(row: pd.Series) -> str:
 
 
 def list_contradictions(table: pd.DataFrame) -> list[str]:
-    """Return a sentence on the intervals in which the channels contradict each other, in
-    a list. The list is empty if there is no such interval."""
+    """Return a list with one sentence on the intervals in which the channels contradict
+    each other. The list is empty if there is no such interval."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = estimate_times(table), []
     for first, after in find_spans(time, rows):
@@ -363,8 +365,9 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a sentence, in a list, if the estimated lag of the steering angle
-    contradicts the vehicle file; otherwise an empty list."""
+    """Return a list with one sentence if the estimated lag of the steering angle differs
+    from that of the vehicle file by more than UNLIKELY prior sds; otherwise an empty
+    list."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -485,8 +488,8 @@ def _is_used(table: pd.DataFrame) -> np.ndarray:
 
 
 def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """Return the time [s] of the last valid row; None if it is at most RECENT before the
-    end."""
+    """Return the time [s] of the last valid row. Return None if this row is at most
+    RECENT before the end, so that the stiffness counts as valid at the end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 

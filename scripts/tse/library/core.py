@@ -25,11 +25,13 @@ CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
 FORMULA_PLACE, FORMULA_OP, FORMULA_LIMIT = range(11, 14)
 STRUCT_COUNT = 14
-# names of the stiffnesses; the index is TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR
+# names of the stiffnesses, in the order of the C constants TSE_CX_FRONT, TSE_CY_FRONT,
+# TSE_CY_REAR
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
 GRIP = "grip"  # output that is valid in rows with grip_valid = 1
-# setting with the nominal value of each stiffness, to which the estimates are relative
+# Key: stiffness. Value: setting with its nominal value. The library returns estimates as
+# ratios to the nominal value
 NOMINAL = {
     "cx_front": "longitudinal_stiffness_front",
     "cy_front": "cornering_stiffness_front",
@@ -140,7 +142,8 @@ class SettingUse:
 
     table: str  # table of src/tables that defines it: vehicle, uncertainty, sensors, ...
     filter: str  # filters whose estimate it changes: both, default, paper or none
-    # setting that the filters use instead of this one if it is not 0; "": there is none
+    # name of another setting: if that setting is not 0, the filters use it instead of this
+    # one. "": there is none
     replaced_by: str
 
 
@@ -393,7 +396,8 @@ class Library:
         return f
 
     def fields(self, which: int) -> list[Field]:
-        """Return the fields of struct `which`, or the rows of list `which`."""
+        """Return the fields of a struct (`which` is CONFIG .. SIM_OUTPUT), or the rows of
+        a list of codes (`which` is STATUS or REASON)."""
         return self._fields[which]
 
     def field(self, which: int, name: str) -> Field:
@@ -437,7 +441,8 @@ class Library:
         return records
 
     def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
-        """Convert `native`, which the library has written; store it in `values`."""
+        """Convert the array `native`, into which the library has written, and store the
+        result in `values`."""
         if not self.fraction_bits:  # `native` and `values` are the same array
             return
         if which is None:
@@ -454,7 +459,8 @@ class Library:
 
     @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)
     def _list_offsets(self, which: int, kind: str) -> list[int]:
-        """Return the offsets [8 bytes] of the fields of this kind in struct `which`."""
+        """Return the offsets, in units of 8 bytes, of the fields of this kind in struct
+        `which`."""
         return [f.offset // 8 for f in self._fields[which] if f.kind == kind]
 
     def codes(self, which: int) -> dict[int, Field]:
@@ -480,7 +486,7 @@ class Library:
 
 
 FIXED_NAN = np.iinfo(np.int64).min  # code of NaN in src/number/fixed.h
-MAX_SCALED = 2.0**60  # limit of a number times 2^bits; larger than every result of the library
+MAX_SCALED = 2.0**60  # max |number * 2^bits| in a conversion; every result of the library is smaller
 
 
 def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
@@ -599,7 +605,8 @@ class Config(Settings):
     def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
         """Return the settings of tse_config_exact(), changed by `values`.
 
-        In them no setting is uncertain: the car is known exactly, as in simulations."""
+        Their sds of uncertain parameters are 0: the car is known exactly, as in
+        simulations."""
         config = cls(lib=lib)
         config.fill("tse_config_exact")
         for name, value in (values or {}).items():
@@ -744,9 +751,9 @@ class NativeFilter:
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
         """Return the sd that each uncertain setting adds to the three stiffnesses.
 
-        Keys are the settings of src/tables/uncertainty.toml. An sd is relative to the
-        nominal stiffness and belongs to the last row. For the filter with particles,
-        which does not compute it, the result is {}."""
+        Keys are the settings of src/tables/uncertainty.toml. The sds are those after the
+        last row, relative to the nominal stiffness. The filter with particles does not
+        compute them, and the result is {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
@@ -775,7 +782,7 @@ class NativeFilter:
         learnt : bytes
             Result of save_learnt().
         age : float
-            Time since it was saved, s.
+            [s] Time since the state was saved.
 
         Raises
         ------

@@ -21,8 +21,8 @@ class Interrupted(Exception):
 
 
 def suggest_names(name: str, known: Iterable[str], limit: int = 2, other: str = "") -> str:
-    """Return a hint that names the known names similar to `name`, at most `limit`.
+    """Return a hint with at most `limit` names from `known` that are similar to `name`.
 
-    If no known name is similar, return `other`."""
+    If no name is similar, return `other`."""
     close = get_close_matches(name, list(known), limit)
     return f" (did you mean {' or '.join(close)}?)" if close else other

@@ -43,7 +43,8 @@ def explain_write_error(error: BaseException) -> str:
 def resolve_path(path: Path) -> Path:
     """Return the path with its symbolic links resolved.
 
-    Unlike Path.resolve(), raise no error for a loop of links. Opening the file does."""
+    Unlike Path.resolve(), raise no error for a loop of links. Opening the file raises
+    it."""
     return Path(os.path.realpath(path))
 
 
@@ -155,9 +156,9 @@ def _write_new(path: Path, mode: str) -> Iterator[IO]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the list of names in a folder to the disk, if the system has such a call.
+    """Write the list of names in a folder to the disk, if the system has a call for it.
 
-    Otherwise the system writes the new name later."""
+    If it has none, the system itself writes a new name to the disk some time later."""
     if sys.platform == "win32":
         return
     try:
@@ -222,9 +223,10 @@ def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | Non
 
 
 def _identify(path: Path) -> list[object]:
-    """Return keys of a file: its resolved path; if it exists, its device and inode, too.
+    """Return keys of a file: its resolved path and, if the file exists, the pair of its
+    device and inode.
 
-    Two paths with a common key are the same file."""
+    If two paths have a key in common, they are the same file."""
     keys: list[object] = [resolve_path(path)]
     try:
         found = path.stat()
@@ -285,7 +287,8 @@ def load_secret() -> bytes:
             with os.fdopen(handle, "wb") as file:
                 file.write(secrets.token_bytes(SECRET_BYTES))
             try:
-                # if several processes make the secret, one of the links succeeds
+                # if several processes make a secret at once, only one link succeeds, and
+                # all use its secret
                 os.link(name, path)
             except FileExistsError:
                 pass

@@ -237,9 +237,11 @@ def connect_to_dask(scheduler: str) -> Any:
 def check_workers(client: Any, scheduler: str) -> None:
     """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
 
-    Without workers, the run would wait forever; different code changes results."""
+    Without workers, the run would wait forever. A worker with different code could give
+    different results."""
 
-    # Dask sends an inner function as code, so that a worker without tselab can run it
+    # an inner function, because Dask sends its code, so that a worker without tselab can
+    # run it
     def read_version() -> tuple[str, str]:
         import hashlib
         from pathlib import Path
