@@ -61,9 +61,9 @@ class Fleet(Shown):
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """A pair for each car: its name, and a sentence with its smallest stiffness or, if
-        no stiffness is known, with the reason. The car with the smallest stiffness comes
-        first."""
+        """A pair for each car: its name, and a sentence with its smallest stiffness. If
+        no stiffness is known, the sentence gives the reason. The car with the smallest
+        stiffness comes first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property

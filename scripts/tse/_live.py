@@ -163,8 +163,8 @@ class Live:
 
     @property
     def numbers(self) -> str:
-        """Sentence with the number of frames and rows, the rate of the rows, and the delay
-        of the estimates."""
+        """Sentence with the number of frames and rows, the rate of the rows, and the
+        delay of the estimates."""
         return self._drive.numbers()
 
     @property

@@ -161,8 +161,8 @@ def collect_logs(logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int 
 
 
 def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """Return a log in memory as a mapping: key: name of a column, value: the column.
-    Raise TypeError if the log has no named columns."""
+    """Return a log in memory as a mapping from names to columns. Raise TypeError if the
+    log has no named columns."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
     if isinstance(frame, pd.DataFrame | Mapping):

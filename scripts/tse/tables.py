@@ -164,11 +164,11 @@ def effects() -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        id; effect, its title; enters, the places of the model that it changes; shows_in,
-        the channels that it affects; look_alikes, ids of effects that are hard to
-        distinguish from it; setting, unit; typical_low, typical_high; negligible, the
-        size below which an effect is not named; meaning; strength, whether the value 0
-        switches the effect off.
+        Keys that describe the effect: id; effect (title); enters (places of the model
+        that it changes); shows_in (channels that it affects); look_alikes (ids of effects
+        that are hard to distinguish from it). Keys that describe the parameter: setting;
+        unit; typical_low, typical_high; negligible (size below which an effect is not
+        named); meaning; strength (whether the value 0 switches the effect off).
     """
     return [
         {

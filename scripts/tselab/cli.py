@@ -105,8 +105,8 @@ def main() -> None:
         # print characters that the encoding of the terminal lacks as escape sequences;
         # the name of a car, for instance, may have such characters
         sys.stdout.reconfigure(errors="backslashreplace")
-    # tse.readers.recording then limits the memory for reading logs, in this process and
-    # in worker processes
+    # with this variable, tse.readers.recording limits the memory for reading logs, in
+    # this process and in worker processes
     os.environ["TSE_HOLD_MEMORY"] = "1"
     # use the memory allocator of the system: Arrow's own pool reserves a gigabyte of
     # address space at its start
@@ -137,8 +137,8 @@ def main() -> None:
     except Exception as error:
         from tse.files import explain_write_error
 
-        # for a file of results, write_atomically() has already raised Error. An OSError
-        # that arrives here comes from standard output or a temporary file
+        # an OSError here comes from standard output or a temporary file: if a file of
+        # results cannot be written, write_atomically() raises Error instead
         if reason := explain_write_error(error):
             _discard_stdout()
             where = getattr(error, "filename", None) or "the output"

@@ -64,7 +64,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
 DRIVE_TIME = 72.0  # [s] duration of the drive
 ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness from then on
-SETTLED = 10.0  # [s] the printed errors do not include rows before this time
+SETTLED = 10.0  # [s] rows before this time are left out of the printed errors
 LAST = 12.0  # [s] duration of the last part of the drive, whose errors are printed separately
 INITIAL_RATIO = 0.8  # ratio of the initial estimate of every stiffness to its nominal value
 
@@ -154,8 +154,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
 
 
 def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
-    """Write logs of a car with a hidden effect, run the workflow of `tselab gap` on them,
-    and print the hidden effect and the effect that the workflow names."""
+    """Write logs of a car with the effect HIDDEN, run the workflow of `tselab gap` on
+    them, and print this effect and the effect that the workflow names."""
     make_directory(out)
     path = out / "car.toml"
     with write_atomically(path) as file:
@@ -204,8 +204,8 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
 RATIO = 15.3  # steering ratio
 TRACK = 1.55  # [m] track width
 DEG_PER_RAD, STANDARD_GRAVITY = 180 / np.pi, 9.80665  # degrees per radian; standard gravity [m/s2]
-# Channel groups of the MF4. Key: name of the group. Value: n, if the group has every n-th
-# row of the log; latency [s]; unit of each signal of the group
+# Channel groups of the MF4. Key: name of the group. Value: (n, latency [s], units). The
+# group has every n-th row of the log. `units` has the unit of each signal of the group
 GROUPS = {
     "LWI": (4, 0.030, {"LWI_Lenkradwinkel": "deg"}),
     "ESP_wheels": (2, 0.040, dict.fromkeys(("ESP_VL", "ESP_VR", "ESP_HL", "ESP_HR"), "km/h")),

@@ -228,7 +228,7 @@ def estimate(
         "--road": road_path,
     }
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
-    # --save-learnt may overwrite the file of --load-learnt; no other output may
+    # only --save-learnt may overwrite the file of --load-learnt
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
     check_table(table)
     check_writable(out, report, save_learnt)
@@ -312,7 +312,8 @@ def print_answer(result: Result, notes: list[str], written: Files, has_report: b
     Warnings and notes go to standard error."""
     found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])
     warnings = [f"warning: {line}" for line in result.cautions]
-    # if channels contradict each other, the events that the filter reports are artefacts
+    # if channels contradict each other, the contradiction causes the reported events, so
+    # they are not printed
     events = [*(() if result.warnings else result.events), *found[:1]]
     plain = [f"note: {n}" for n in notes]
     folded = {text: fold(text) for text in (*warnings, *events, *plain)}

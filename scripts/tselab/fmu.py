@@ -57,8 +57,8 @@ def read_parameters(fmu: Path) -> list[FmuParameter]:
 
 
 def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[str, float], name: str) -> str:
-    """Return the SSP parameter set of a car. It contains all parameters vehicle.* and, of
-    the other parameters, those whose value differs from the start value in the FMU.
+    """Return the SSP parameter set of a car. It contains all parameters vehicle.*. Any
+    other parameter is in it only if its value differs from the start value in the FMU.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            continue  # stays false, its start value: otherwise the FMU would replace unset parameters
+            continue  # stays false (its start value): if true, the FMU would replace unset parameters
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
             continue

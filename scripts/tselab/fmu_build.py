@@ -32,15 +32,15 @@ class Platform:
     name: str  # folder in binaries/ of an FMU of FMI 2.0
     tuple3: str  # folder in binaries/ of an FMU of FMI 3.0
     suffix: str  # suffix of a shared library
-    targets: tuple[str, ...]  # targets of zig; binaries of several targets are joined to one universal file
+    targets: tuple[str, ...]  # targets of zig; if there are several, their binaries are joined to one
 
     def folder(self, fmi: str) -> str:
         """Return the name of the folder in binaries/."""
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
-        """Return the targets for which the binary is compiled. In FMI 3.0, each processor
-        has its own folder, so that a binary has only one target."""
+        """Return the targets for which the binary is compiled. For FMI 3.0 this is a
+        single target, because each processor has a folder of its own."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
@@ -57,8 +57,8 @@ PLATFORMS = {
     )
 }
 
-# Compiler options for a shared library. The options that affect the numerical results and
-# the speed are in the buildDescription.xml of the FMU.
+# Compiler options that are needed for a shared library. The other options, which affect
+# numerical results and speed, are in the buildDescription.xml of the FMU.
 SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
@@ -114,7 +114,7 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
     build = read_build(sources)
     name = build.identifier + platform.suffix
     flags = [*build.flags, *SHARED, "-I."]
-    if platform.suffix == ".dylib":  # otherwise the library would contain the path of the temporary folder
+    if platform.suffix == ".dylib":  # without this option, the library contains the temporary path
         flags.append(f"-Wl,-install_name,@rpath/{name}")
     with tempfile.TemporaryDirectory() as folder:
         # a DLL contains its own file name, so it must be linked under its final name

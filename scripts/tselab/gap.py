@@ -76,7 +76,7 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # --help lists the options in the reverse order
+    ):  # --help lists the options in the reverse of this order
         command = take(command)
     return command
 
@@ -103,8 +103,8 @@ class GapGroup(click.Group):
 
 
 class RunCommand(click.Command):
-    """A command whose option --hold-out takes several files:
-    all up to the next option."""
+    """A command whose option --hold-out takes several files: all arguments after it, up
+    to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -118,7 +118,7 @@ class RunCommand(click.Command):
                 holding = False
                 spread.append(arg)
         if HOLD_OUT in args and HOLD_OUT not in spread:
-            spread.append(HOLD_OUT)  # without a file, so that click reports the missing argument
+            spread.append(HOLD_OUT)  # without a file, so that click reports that the file is missing
         return super().parse_args(ctx, spread)
 
 

@@ -29,7 +29,7 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Live
 
-EACH = 0.25  # [s] time between two updates of the printed estimates
+EACH = 0.25  # [s] time between two updates of the printed lines
 MAX_LIVE_DURATION = 86400.0  # [s] max value of --duration
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of --rate, the same as that of `rate` in signals.toml
 

@@ -23,8 +23,8 @@ TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")  # suffixes of ta
 
 
 def fold(text: str) -> list[str]:
-    """Wrap a text to the width MAX_WIDTH. Return its lines, all but the first of which
-    are indented by two more columns."""
+    """Wrap a text to the width MAX_WIDTH. Return its lines. All lines but the first are
+    indented by two more columns."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
         text, MAX_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
@@ -62,8 +62,8 @@ class OutputPath(click.Path):
         return path
 
 
-# values of --form. tse_config_default(), tse_config_robust() and tse_config_paper() make
-# the settings of a form
+# values of --form. The C functions tse_config_default(), tse_config_robust() and
+# tse_config_paper() set the settings of these forms
 FORMS = ("default", "robust", "paper")
 DAY = 86400.0  # [s] duration of a day
 MAX_AGE = 40000.0  # [days] max value of --age
@@ -298,7 +298,7 @@ RESTART = click.option("--restart", is_flag=True, help="Discard runs that are al
 
 class Lazy(click.Command):
     """A command with tables at the end of its --help. The tables are made only if --help
-    is given, because they need the C library to be loaded.
+    is given, because for them the C library must be loaded.
 
     Parameters
     ----------

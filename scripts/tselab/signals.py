@@ -13,7 +13,8 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-# max number of signals that are proposed for no channel and are printed without --all
+# Without --all, at most this many of the signals that are proposed for no channel are
+# printed
 MAX_LISTED_SIGNALS = 80
 
 

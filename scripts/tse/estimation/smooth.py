@@ -14,10 +14,10 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min share of the variance in a row that later rows can reduce. It is the variance minus
-# the part that is common to all rows (compute_fixed_parts()). The common part is computed
-# at the end of the log. It may exceed the variance in an earlier row, and the difference
-# would then be negative.
+# Min share of the variance in a row that later rows can reduce. The reducible part is the
+# variance minus the part that is common to all rows. compute_fixed_parts() computes the
+# common part at the end of the log. It may exceed the variance in an earlier row, and the
+# reducible part would then be negative.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]

@@ -69,7 +69,7 @@ STILL = ("starting", "held", "input invalid", "row refused")
 # channel has failed during the drive. If they do so earlier, the whole log is wrong. For
 # exceptions see describe_implausible()
 AGREED = 20.0
-# If a larger share than this of the driven rows is implausible, the whole log may be
+# If more than this share of the driven rows is implausible, the whole log may be wrong
 MIN_IMPLAUSIBLE = 0.5
 # [s] A stiffness counts as valid at the end of the log if its last valid row is at most
 # this time before the end
@@ -78,8 +78,8 @@ RECENT = 1.0
 # more than UNCERTAIN_SHARE of the variance, and an sd above MIN_UNCERTAIN * stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max difference of the estimated lag of the steering angle from the vehicle file, in prior
-# sds. A larger difference means that a different logger or signal was used.
+# Max difference of the estimated lag of the steering angle from the vehicle file, in
+# prior sds. A larger difference means that a different logger or signal was used.
 UNLIKELY = 3.0
 MIN_VALID = 0.005  # a stiffness counts as valid if at least this share of the rows is valid
 DEG_PER_RAD = 180 / np.pi  # [deg/rad]

@@ -142,8 +142,8 @@ class SettingUse:
 
     table: str  # table of src/tables that defines it: vehicle, uncertainty, sensors, ...
     filter: str  # filters whose estimate it changes: both, default, paper or none
-    # name of another setting: if that setting is not 0, the filters use it instead of this
-    # one. "": there is none
+    # name of another setting: if that setting is not 0, the filters use it instead of
+    # this one. "": there is no such setting
     replaced_by: str
 
 

@@ -224,7 +224,7 @@ def connect_to_dask(scheduler: str) -> Any:
     except ImportError:
         raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
-        # test the connection first: without a scheduler, Client() would log many lines
+        # test the connection first: if no scheduler answers, Client() logs many lines
         if not scheduler.startswith("inproc://"):
             socket.create_connection(
                 distributed.comm.get_address_host_port(scheduler), CONNECT_TIMEOUT

@@ -74,8 +74,8 @@ def set_layout(figure: Any, height: int, **more: object) -> Any:
 
 
 def draw_lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
-    """Return a figure with plots below each other. `rows` has title and lines of each
-    plot. A line consists of name, times and values."""
+    """Return a figure with plots below each other. `rows` has for each plot its title and
+    its lines. Each line is a tuple of name, times and values."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
@@ -184,11 +184,11 @@ def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tupl
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return for every `stride` rows the index of the row with the min of `y`, twice.
+    """Return for every `stride` rows the index of the row with the min of `y`.
 
-    Twice, because thin_rows() returns two values for every `stride` rows. The indices are
-    used for lines whose values must be from the same row, such as probabilities with the
-    sum 1.
+    Each index is returned twice, because thin_rows() returns two values for every
+    `stride` rows. The indices are used for lines whose values at one point must be from
+    the same row, such as probabilities with the sum 1.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -261,7 +261,8 @@ class Data:
         return name in self._lines
 
     def hover(self, key: str) -> list[str]:
-        """Return the text for each point of a stiffness, which is shown at the mouse."""
+        """Return the texts that are shown when the mouse points at a point of a
+        stiffness, one for each point."""
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
@@ -303,8 +304,9 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
     units of the plots.
 
     For a column x with an interval, the lines x_low and x_high are the ends of the 95 %
-    interval. For a stiffness, the line x_valid has its valid values, x_other the others,
-    and x_spread_low and x_spread_high are the ends of the spread."""
+    interval. For a stiffness x, the line x_valid has its valid values, and x_other those
+    that are not valid. x_spread_low and x_spread_high are x -+ 1.96 times the spread (sd
+    of the stiffness from sample to sample)."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -376,8 +378,8 @@ class Figure:
 
     @staticmethod
     def axis(row: int) -> str:
-        """Return the suffix of the names of the axes of a row: plotly names them x, x2,
-        x3 ..."""
+        """Return the suffix that the axes of plot number `row` have in plotly, which
+        names the axes x, x2, x3 ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -472,12 +474,12 @@ def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarra
 def draw_stiffness(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Return the figure of the stiffnesses: means and 95 % intervals, and with a particle
-    filter the spread, too.
+    """Return the figure of the stiffnesses: means, 95 % intervals, and with a particle
+    filter also the spread (sd of the stiffness from sample to sample).
 
-    Means that are not valid are grey, and the reason is shown at the mouse. Below the
-    stiffnesses, the probabilities of the regimes are drawn if the estimates have them.
-    `table` needs the columns of SUMMARY."""
+    Means that are not valid are grey. The reason is shown when the mouse points at one.
+    Below the stiffnesses, the probabilities of the regimes are drawn if the estimates
+    have them. `table` needs the columns of SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)

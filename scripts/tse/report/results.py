@@ -71,9 +71,9 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of results, each a dict with the keys
-    ESTIMATE_COLUMNS. A change of the road is reported in the rows of the stretch that
-    begins with it."""
+    """Return the rows of the table of results. Each row is a dict with the keys of
+    ESTIMATE_COLUMNS. A change of the road is reported in the rows of the stretch after
+    the change."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -139,8 +139,8 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the results of a run as a dict for JSON. `said` has further entries, such as
-    vehicle, notes and files."""
+    """Return the results of a run as a dict for JSON. The entries of `said`, such as
+    vehicle, notes and files, are added to it."""
     changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)

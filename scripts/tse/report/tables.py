@@ -87,9 +87,9 @@ def sim_settings_table() -> str:
 def example_vehicle() -> str:
     """Return a commented vehicle file to edit.
 
-    Required keys have the values of the built-in car. The other keys are commented out,
-    because estimates with the sensors, stiffnesses or sds of 0 of a different car would
-    be wrong and have too narrow intervals."""
+    Required keys have the values of the built-in car. The other keys are commented out: a
+    user who left them unchanged would get wrong estimates from the sensors and
+    stiffnesses of a different car, and too narrow intervals from sds of 0."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]
@@ -171,15 +171,15 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return a line of a vehicle file with unit, range and meaning."""
-    # If 0 is out of range, the part of the text about the meaning of 0 is removed: in a
-    # vehicle file the key is left out in place of 0.
+    # If 0 is outside the range, remove the part of the text about the meaning of 0: a
+    # vehicle file must then leave the key out, and not set it to 0.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
     return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 
 
 def _find_unit(f: Field) -> str:
-    """Return the unit of an output in EST.csv. Stiffness, which the library returns as a
-    ratio, is in N or N/rad there."""
+    """Return the unit of an output in EST.csv. The library returns a stiffness as a ratio
+    to the nominal value, but EST.csv has it in N or N/rad."""
     if f.name.startswith("cx_") and f.unit == "1":
         return "N"
     return "N/rad" if f.name.startswith("cy_") and f.unit == "1" else f.unit

@@ -17,16 +17,17 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Suffixes of logs that many other files have, too. If a folder is searched for logs,
-# files with these suffixes are skipped. They are only read if the user names them or a
-# glob pattern matches them.
+# Suffixes that logs have, but many other files, too. If a folder is searched for logs,
+# files with these suffixes are skipped. Such a file is only read if the user names it or
+# gives a glob pattern that matches it.
 AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
-RESULTS = (".est.csv", ".est.parquet")  # ends of the names of files that `tselab estimate` writes; no logs
+# ends of the names of files that `tselab estimate` writes; these files are not logs
+RESULTS = (".est.csv", ".est.parquet")
 MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
 OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")  # ends of the names of logs of openpilot
-# date, and time of day if there is one, in the name of a file
+# date in the name of a file, and the time of day after it if there is one
 DATE = re.compile(
     r"(?<!\d)(20\d\d|19\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
     r"(?:[-_.T ]{0,3}([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d))?)?(?!\d)"
@@ -52,9 +53,9 @@ def find_drives(
     """Return all logs, sorted by car and by the time of the drive.
 
     `words`: files, folders and glob patterns. `table`: CSV with the vehicle file of each
-    log. If `table` is None, all logs have the vehicle file `vehicle`. They belong to the
-    car `car` or, if `car` is None, the logs of each folder belong to one car. `out`:
-    folder of the results, which is not searched for logs."""
+    log. If `table` is None, all logs have the vehicle file `vehicle`, and belong to the
+    car `car`. If `car` is None, each folder has the logs of one car. `out`: folder
+    of the results, which is not searched for logs."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
@@ -65,8 +66,9 @@ def find_drives(
 
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Return every log once, with the folder that gives its car a name if the user gives
-    none. Raise UserError if a folder has no log, or a word matches no file."""
+    """Return every log once, as a pair of its path and a folder. If the user gives no
+    name for the car, the car is named after this folder. Raise UserError if a folder
+    contains no log, or if one of `words` matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
@@ -213,9 +215,10 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 
 
 def find_start(path: Path) -> tuple[float, str]:
-    """Return the time when a drive began [s since 1970], and its source. Sources, the
-    first available of which is used: "log", the start time in the log; "name", a date in
-    the name of the log or of its folder; "file", the modification time of the file."""
+    """Return the time when a drive began [s since 1970], and the source of this time. The
+    first source that is available is used: "log", the start time in the log; "name", a
+    date in the name of the log or of its folder; "file", the modification time of the
+    file."""
     for source, of in (("log", _read_log_start), ("name", _read_name_date)):
         try:
             when = of(path)

@@ -28,13 +28,13 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-MIN_LOGS = 3  # a log is compared with the other logs of the car if there are at least this many
+MIN_LOGS = 3  # a log is compared with the other logs of its car if these are at least this many
 # Max ratio of a stiffness to the median of this stiffness in the other logs of the car. A
 # larger ratio gives a warning. Ratios up to this limit are normal: even on dry asphalt,
 # where the stiffness is largest, it varies, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
-# Columns of the table fleet.parquet, and their types. Those of results.ESTIMATE_COLUMNS
-# describe the estimate, the others the drive
+# Columns of the table fleet.parquet, and their types. The columns of
+# results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
 FLEET_COLUMNS: dict[str, str] = {
     "car": "string",
     **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
@@ -197,9 +197,9 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def compute_key(task: Task) -> str:
-    """Return a digest of everything that an outcome depends on. Logs enter it with their
-    size and modification time instead of their content, because reading the logs would
-    take as long as estimating them."""
+    """Return a digest of everything that an outcome depends on. For a log, the digest
+    depends on its size and modification time instead of its content, because reading the
+    log would take as long as estimating it."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]
@@ -246,8 +246,8 @@ def _shorten_digest(text: str) -> str:
 
 
 def _name_car_files(name: str) -> str:
-    """Return the start of the names of the files of a car. If characters of the name of
-    the car were replaced, or if it has capital letters, which some file systems do not
-    distinguish from small ones, a digest is appended."""
+    """Return the start of the names of the files of a car: the name of the car. A digest
+    is appended if characters of the name had to be replaced, or if the name has capital
+    letters, because some file systems do not distinguish these from small letters."""
     plain = _clean_name(name)
     return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

@@ -36,7 +36,7 @@ class Last:
 
     @property
     def shown(self) -> str:
-        """Value with 95 % interval, kN/rad or kN."""
+        """Value with 95 % interval in kN/rad or kN, as a string."""
         return f"{self.value / KILO:.0f} ± {max(self.band / KILO, 0.5):.0f}"
 
 
@@ -46,8 +46,8 @@ class Car:
 
     name: str
     done: list[Done]
-    last: dict[str, Last]  # key of a known stiffness: its latest estimate
-    why: dict[str, str]  # key of an unknown stiffness: why it is unknown
+    last: dict[str, Last]  # key: a known stiffness; value: its latest estimate
+    why: dict[str, str]  # key: an unknown stiffness; value: why it is unknown
 
     @property
     def softest(self) -> str:

@@ -129,7 +129,7 @@ class _Chain:
 
     def __init__(self, drives: Sequence[Drive], plan: FleetPlan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
-        self.calibrated: dict[Path, Path] = {}  # vehicle file: the calibrated vehicle file
+        self.calibrated: dict[Path, Path] = {}  # key: vehicle file; value: calibrated vehicle file
         self.learnt: bytes | None = None
         self.end = 0.0  # [s since 1970] end of the drive after which `learnt` was saved
 
@@ -193,8 +193,8 @@ class _Chain:
         return self.store.save(drive, task, outcome)
 
     def _learn(self, drive: Drive, outcome: Outcome) -> None:
-        """Use the calibrated vehicle file and the learnt state of a drive for the drives
-        that follow."""
+        """Keep the calibrated vehicle file and the learnt state of a drive, for the later
+        drives of the car."""
         if self.plan.learn and outcome.calibrated and drive.vehicle:
             self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
         if self.plan.learn and outcome.learnt is not None:

@@ -69,8 +69,8 @@ class Calibrate:
 
     say: Callable[[str], None] = lambda _: None  # called with a sentence about the current step
     others: Sequence[CheckedLog] = ()  # further logs of the same car
-    # if Ctrl-C ends the calibration: True: go on with the estimation, for an ordinary
-    # car; False: raise KeyboardInterrupt
+    # what happens after Ctrl-C during the calibration. True: the log is estimated with
+    # the values of an ordinary car. False: KeyboardInterrupt is raised
     goes_on: bool = False
 
 
@@ -121,11 +121,14 @@ def assemble_run(
 ) -> Prepared:
     """Check vehicle, log and settings against each other, and prepare the run.
 
-    `vehicle`: the car; values that it lacks are filled in in place. `average`: length of
-    the blocks over which the log is averaged, s; None: no averaging. `source`: where
-    `settings` come from, for messages. `strict`: raise UserError if channels contradict
-    each other. `calibrate`: options for first calibrating an uncalibrated car on the log;
-    None: no calibration. `road`: bank and grade for the filter; None: not given."""
+    `vehicle`: the car; missing values are filled in in this object. `config_path`: file
+    of settings, or None. `average`: [s] length of the blocks over which the log is
+    averaged; None: no averaging. `options`: settings by name; a value None means that
+    the setting is not given. `settings`: settings that override all others. `source`:
+    where `settings` come from, for messages. `strict`: raise UserError if channels
+    contradict each other. `calibrate`: options for first calibrating an uncalibrated car
+    on the log; None: no calibration. `road`: bank and grade for the filter; None: not
+    given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -138,7 +141,7 @@ def assemble_run(
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # this filter estimates the noise itself
+        average_sensors(vehicle, lively)  # the default filter estimates the noise itself
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
@@ -263,9 +266,9 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the estimates show a contradiction between channels that the
-    preparation has not found. If so, add it to the warnings, or turn the doubts into
-    warnings."""
+    """Return whether the estimates show that channels contradict each other, and the
+    preparation has not warned about it. If so, add a warning, or turn the doubts of the
+    preparation into warnings."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""

@@ -23,8 +23,8 @@ from tse.runs.single import Calibrate, prepare_run
 
 
 class Mismatch(UserError):
-    """A worker has a different tselab or C library than the process that sent the task,
-    so its results could differ."""
+    """A worker has a different version of tselab or of the C library than the process
+    that sent the task. Its results could differ."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class Outcome:
     """Result of a task."""
 
     error: str = ""  # why the log could not be estimated; empty: no error
-    # for each stretch of road and stiffness a dict with the keys results.COLUMNS
+    # a dict for each pair of stretch of road and stiffness, with the keys of
+    # results.ESTIMATE_COLUMNS
     rows: list[dict[str, Any]] = field(default_factory=list)
     learnt: bytes | None = None  # learnt state after this drive
     report: bytes | None = None  # content of the page

@@ -51,17 +51,20 @@ from tse.readers.recording import ReadOptions, Recording, import_optional, list_
 TICK = 0.002  # [s] min time between two calls that process frames
 SILENT = 1.0  # [s] a bus without frames, or a channel without values, is reported after this time
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-# [s] time after the first frame. A bus with no frame in the databases by then is reported
+# [s] If no frame that arrives within this time after the first one is in the databases,
+# the bus is reported
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
-FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, time between later checks
+# [s] time of the first check whether channels contradict each other; time between checks
+FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
-# [s] time for which frames are collected before each proposal of signals; max duration of
-# the frames that are kept for it
+# [s] LISTENED: time for which frames are collected before each proposal of signals.
+# MAX_LISTENED: max duration of the frames that are kept for the proposals
 LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2  # [s] max duration of the frames that are processed together
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
-# [s] length of the past that is searched for events; min age of an event that is reported
+# [s] length of the past that is searched for events; min age of an event before it is
+# reported
 EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
@@ -272,7 +275,7 @@ class DriveState:
     frames: int = 0
     first: float = 0.0  # [s] time of the first row
     time: float = 0.0  # [s] time of the last row
-    delay: float = 0.0  # [s] delay from a frame to its estimate, max of the last second
+    delay: float = 0.0  # [s] max delay from a frame to its estimate in the last second
     # [s] delay from frame to estimate for each row that did not wait for a
     # proposal of signals
     delays: list[float] = field(default_factory=list)
@@ -344,12 +347,12 @@ class LiveDrive:
         self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # [s] time on the clock of the bus that is time 0 of the record
+        self._origin = float("nan")  # [s] time of the bus at which the time of the record is 0
         # rows that are not written yet: times, columns, outputs
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
         self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
-        # columns SUMMARY of every `_stride`-th written row, in blocks
+        # the columns listed in SUMMARY of every `_stride`-th written row, in blocks
         self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
@@ -425,7 +428,7 @@ class LiveDrive:
             self._listen(came, now)
             if self.stream is None:
                 return np.zeros(0), self._make_no_outputs()
-            came, self._listened = self._listened, []  # signals are known now: use all frames so far
+            came, self._listened = self._listened, []  # the signals are known: use all frames so far
         made = []
         for part in _cut_pieces(came) or [[]]:
             for text in self.stream.add([a.frame for a in part]):
@@ -449,10 +452,10 @@ class LiveDrive:
         return np.zeros(0, library().dtype(OUTPUT))
 
     def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
-        """Report if frames have stopped or come again, and if no frame of the bus is in
-        the databases.
+        """Report if no frame has arrived for SILENT seconds, if frames arrive again after
+        that, and if no frame of the bus is in the databases.
 
-        `came`: frames since the last call. `now`: time.monotonic(), s."""
+        `came`: frames since the last call. `now`: [s] time.monotonic()."""
         if came:
             if self._quiet:
                 self.say(f"frames again, after {now - self._last_frame:.1f} s")
@@ -673,8 +676,8 @@ class LiveDrive:
             self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
 
     def table(self) -> pd.DataFrame:
-        """Return the columns SUMMARY of all written rows or, for a long drive, of every
-        `_stride`-th row."""
+        """Return the columns listed in SUMMARY of all written rows or, for a long drive,
+        of every `_stride`-th row."""
         frames = [pd.DataFrame(x) for x in self._table]
         nothing = make_block(np.zeros(0), self._make_no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
@@ -707,9 +710,10 @@ class LiveDrive:
 
     def _is_reported(self, what: str, start: float, end: float | None = None) -> bool:
         """Return whether an event has already been reported. If not, mark it as reported.
-        An event that continues a reported event of the same name counts as reported.
+        An event also counts as reported if it starts at most 1 s after the end of a
+        reported event of the same name.
 
-        `what`: name of the event. `start`, `end`: its times, s."""
+        `what`: name of the event. `start`, `end`: [s] its begin and end."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))
@@ -829,7 +833,8 @@ class LiveDrive:
 
 
 def _has_event(x: dict[str, Any]) -> bool:
-    """Return whether these rows may contain an event. `x`: columns of the rows."""
+    """Return whether the rows have a change in the last EVENT_SEARCH_TIME seconds, or a
+    fault or sliding with at least MIN_EVENT_PROBABILITY. `x`: columns of the rows."""
     if "change_kind" not in x or not len(x["time"]):
         return False
     return bool(
@@ -850,8 +855,8 @@ def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
 
 
 def _warm_up(config: Config) -> None:
-    """Call functions that load modules and tables at their first use, so that the first
-    frame does not wait for this loading."""
+    """Call the functions that load modules and tables when they are first called, so that
+    the first frame does not wait for this loading."""
     for wanted in ("rad", "rad/s", "m/s2"):
         unit_factor(wanted, wanted)
     make_csv_rows(convert_to_single(make_block(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))

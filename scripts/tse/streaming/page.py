@@ -30,8 +30,8 @@ AT_A_TIME = 4000  # max number of rows in one response to the browser
 
 
 class Page:
-    """The page and its server. add() stores new rows; threads of the server answer the
-    requests of browsers.
+    """The page and its server. add() stores new rows. The server answers the requests of
+    browsers in threads of its own.
 
     Parameters
     ----------
@@ -47,7 +47,8 @@ class Page:
     def __init__(self, live: LiveDrive, port: int = 0, car: str = ""):
         self._live = live
         self._car = car
-        # the longitudinal stiffness is shown for the driven axle
+        # True: rear-wheel drive. The page then shows the longitudinal stiffness of the
+        # rear axle, otherwise that of the front axle
         self._rear = live.config.driven_axle == DRIVEN["rear"]
         self._lock = threading.Lock()
         self._gone = 0  # number of dropped rows

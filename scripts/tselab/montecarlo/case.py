@@ -11,9 +11,9 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Settings of all cases: initial stiffness 70 % of nominal; front-wheel drive, because all
-# manoeuvres have torque on the front axle; model of the paper, equations (1) to (4),
-# which has no exact kinematics
+# Settings of all cases. The initial stiffness is 70 % of nominal. The car has front-wheel
+# drive, because all manoeuvres have torque on the front axle. Exact kinematics is off,
+# because the model of the paper, equations (1) to (4), does not have it
 INITIAL_SETTINGS = {
     **{f"initial_{s}": 0.7 for s in STIFFNESS},
     "driven_axle": 1,
@@ -39,12 +39,12 @@ class Case:
     # returns the manoeuvre
     build: Builder
     config: Mapping[str, float] = field(default_factory=dict)  # settings of car and estimator
-    # factors on settings of the simulated car. The estimators use the
-    # settings without them
+    # factors by which settings of the simulated car are multiplied. The estimators get
+    # the settings without these factors
     car: Mapping[str, float] = field(default_factory=dict)
     sim: Mapping[str, float] = field(default_factory=dict)  # settings of the simulator
-    # function with the arguments of `build` that returns settings of the estimator that
-    # depend on the seed
+    # function that returns those settings of the estimator that depend on the seed. It
+    # has the same arguments as `build`
     draw: Draw | None = None
     # function (times, rows, random generator) that falsifies rows of the log in place,
     # and returns a bool for each row: True if the row is unusable

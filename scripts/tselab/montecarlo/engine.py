@@ -178,8 +178,8 @@ def run_study(
 
 
 def read_runs(path: Path, units: list[Unit]) -> dict[str, list[dict[str, Any]]]:
-    """Read the scores of units from runs.jsonl. Return them by the digest of the unit;
-    units that have not run are not in the result."""
+    """Read the scores of units from runs.jsonl. Key of the result: digest of a unit
+    (Unit.mark). Value: its rows of scores. Units that have not run are left out."""
     wanted, found = {u.mark for u in units}, {}
     if path.exists():
         for line in path.read_text(encoding="utf-8", errors="replace").split("\n"):
@@ -199,8 +199,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
-    """Return the rows of scores of a unit, which are the value of result(). If result()
-    raises an error, add case and seed to the message."""
+    """Return the rows of scores of a unit, by calling result(). If result() raises an
+    error, add case and seed to the message of the error."""
     try:
         return result()
     except UserError:

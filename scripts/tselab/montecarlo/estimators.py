@@ -14,9 +14,9 @@ from tselab.montecarlo import peers
 from tselab.montecarlo.case import INITIAL_SETTINGS, CaseDrive
 from tselab.montecarlo.peers import Known
 
-# Variants of the robust form, which were tried and not chosen. Key: NAME of the
-# estimator robust-NAME. Value: description, and the settings in which it differs from
-# the robust form.
+# Variants of the robust form that were tried and not chosen. The estimator of a variant
+# is called robust-NAME. Key: NAME. Value: description, and the settings in which the
+# variant differs from the robust form.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
         "a single forgetting factor of 0.99, as in equation (17)",
@@ -42,7 +42,7 @@ FORM_OF_ESTIMATOR = {
     "robust": "robust",
     "paper": "paper",
     "printed": "paper",
-}  # estimator: form of its settings
+}  # key: estimator; value: form of its settings
 # Settings in which "printed" differs from "paper": it starts at the speed of Sec. IV-A of
 # the paper, and integrates by the Euler method
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
@@ -79,8 +79,8 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Return the settings of an estimator. They are collected in this order, each of
-    which overrides the ones before it: INITIAL_SETTINGS, the settings of the form,
+    """Return the settings of an estimator. They are the union of these settings, of which
+    the later ones override the earlier ones: INITIAL_SETTINGS, settings of the form,
     `settings` of the user, settings of the case (`about`), settings of the estimator
     itself."""
     family = name.partition("-")[0]
@@ -143,10 +143,10 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
     """Return the true covariances of a drive.
 
-    `changes`: False: each spread (sd of a stiffness from sample to sample) is multiplied
-    by the initial stiffness, since the filter takes it for constant. True: it is not,
-    since a filter that knows the times of the changes multiplies it by the stiffness that
-    it currently estimates."""
+    `changes`: whether the filter uses the times of the changes. If so, the filter itself
+    multiplies each spread (sd of a stiffness from sample to sample) by the stiffness that
+    it currently estimates. Otherwise it assumes a constant spread, so the spread is
+    multiplied here by the initial stiffness."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

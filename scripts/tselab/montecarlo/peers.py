@@ -9,8 +9,9 @@ row k and the motion until row k + 1:
     x_{k+1} = f(x_k, mu + eps_k)
     eps_k ~ N(0, diag(spread^2)), independent from row to row
 
-So process noise and measurement noise are correlated. With eps_k as a part of the state
-this is taken into account exactly. No library was found that does it.
+So process noise and measurement noise are correlated. Because eps_k is a part of the
+state, the filter takes this correlation into account exactly. No library was found that
+does so.
 
 Equation numbers are those of src/EQUATIONS.md. Equations (1) to (4) are implemented here
 a second time, in numpy, and their derivatives are computed by complex steps.
@@ -31,8 +32,9 @@ LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
-# sd of the change of a stiffness at a known time, as a fraction of the stiffness. COMMON:
-# part that is the same for all three stiffnesses. OWN: part that is independent for each
+# The filter "known" assumes that a change of the road multiplies each stiffness by a
+# random factor. The sd of this factor has two parts. COMMON is the same for all three
+# stiffnesses, OWN is independent for each
 COMMON, OWN = 0.4, 0.1
 PEER_DTYPE = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
@@ -48,7 +50,7 @@ class Known:
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
     forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
-    held: bool = False  # whether the steering angle is held between rows; otherwise it is linear
+    held: bool = False  # True: the steering angle is constant between rows; False: it is linear
     # [s] times, counted from the first row, at which the mean stiffness changes; only the
     # filter "known" uses them
     changes: tuple[float, ...] = ()
@@ -211,8 +213,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
             )
         )
-        # forgetting, equation (17): scale rows and columns of the mean stiffness in P, so
-        # that its variance grows up to the initial variance
+        # forgetting, equation (17): scale the rows and columns of the mean stiffness in
+        # P. The variance of the mean stiffness grows, at most up to the initial variance
         if len(use) and not is_known:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

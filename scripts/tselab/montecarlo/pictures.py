@@ -166,8 +166,9 @@ def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
 
 def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
     """Draw the longitudinal stiffness relative to nominal, and the standard deviation of
-    the stiffness from sample to sample. For the default filter, which does not estimate
-    this standard deviation, draw that of the mean stiffness instead."""
+    the stiffness from sample to sample. The default filter does not estimate this
+    standard deviation. For it, draw the standard deviation of the mean stiffness
+    instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
     axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
@@ -221,7 +222,7 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
     """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    if plan.study.base not in ("paper", "robust"):  # their own tables already contain these scores
+    if plan.study.base not in ("paper", "robust"):  # their own tables contain these scores
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)
     text = format_markdown(plan, facts, tables)

@@ -32,15 +32,16 @@ from tselab.montecarlo.peers import LOW_SPEED
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
 SETTLE_AFTER = 10.0  # [s] errors do not count for this time after the start, an event or a disturbance
 VALID_AFTER = 5.0  # [s] the valid flag does not count for this time after the start
-CLOSE = 0.10  # max relative error at which an estimate counts as settled, or as right
+CLOSE = 0.10  # an estimate with a smaller relative error counts as settled, or as right
 # A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
 # clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
-# [m/s] if a wheel is slower, the car drives in reverse, and no estimator learns; as in
-# src/estimator/filter.c
+# [m/s] if a wheel speed is below this, the car drives in reverse, and no estimator learns
+# from the row; the same value as in src/estimator/filter.c
 REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
-# names of the shares of rows that score_run() returns, in the order of its code
+# names of the shares of rows that score_run() returns, in the order in which it computes
+# them
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # min probability of a change of regime that counts as reported
 SCORED_STATES = ("vel_x", "yaw_rate")
@@ -48,8 +49,8 @@ DISTINCT = 0.5  # [s] reported changes with less time between them count as one 
 # [s] a reported change is correct if its time is at most BEFORE earlier, or at most AFTER
 # later, than that of a true change
 BEFORE, AFTER = (0.15, 2.0)
-# OFF: relative error above which a valid flag is wrong. OFF_FOR: [s] time after an event
-# in which rows with a wrong valid flag are counted
+# OFF: if a stiffness with a larger relative error is flagged as valid, the flag is wrong.
+# OFF_FOR: [s] time after an event in which rows with a wrong flag are counted
 OFF, OFF_FOR = 0.20, 60.0
 # reasons for "not valid" that are correct if the stiffness is not observable
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
@@ -61,13 +62,13 @@ class Knowable:
     computed from the truth. The three columns of an array are the stiffnesses."""
 
     best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
-    # (n, 3) ratio of true mean stiffness to nominal. If tyres saturate: of the secant
-    # stiffness, averaged over rows in the linear range
+    # (n, 3) ratio of the true mean stiffness to nominal. If tyres saturate, the true
+    # stiffness is the secant stiffness, averaged over rows in the linear range
     level: np.ndarray
     corrupted: np.ndarray  # (n,) whether the log was falsified
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
-    # (n,) whether the last event or disturbance was at least SETTLE_AFTER ago, and the
-    # start also at least two memories ago
+    # (n,) whether at least SETTLE_AFTER has passed since the last event or disturbance,
+    # and at least SETTLE_AFTER and two memories since the start
     settled: np.ndarray
     valid_sd: float  # setting of this name: max relative sd of a valid stiffness
     # (n, 3) as `level`, but averaged over all rows, also those beyond the linear range
@@ -88,7 +89,9 @@ class Knowable:
 
     @property
     def judged(self) -> np.ndarray:
-        """(n, 3) whether an error counts against the estimator."""
+        """(n, 3) whether an error counts against the estimator: the stiffness is clearly
+        observable, the row is settled and not corrupted, and no tyre is beyond its linear
+        range."""
         return self.observable & (self.settled & ~self.corrupted & ~self.beyond)[:, None]
 
 
@@ -203,8 +206,8 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
 
 
 def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Return for each row True if the latest of the times `moments` before it is at least
-    `wait` seconds ago, or if there is none. `moments`: sorted in ascending order, s."""
+    """Return for each row whether no time in `moments` lies in the `wait` seconds before
+    it. `moments`: [s] times in ascending order."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
@@ -258,9 +261,9 @@ def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
 def compute_settling_time(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
-    """Return the time from `start` until the estimate has settled [s]: from then on the
-    error stays below CLOSE for `hold` seconds, or up to `end` if that is sooner. inf: it
-    does not settle.
+    """Return the time [s] from `start` until the estimate has settled. It has settled
+    when its error stays below CLOSE for the next `hold` seconds, or up to `end` if `end`
+    comes sooner. Return inf if it does not settle.
 
     `time`, `start`, `end` [s]. `error`: relative error in each row."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
@@ -268,7 +271,7 @@ def compute_settling_time(
     wrong = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
     begins = np.concatenate([[0], wrong + 1])  # first row of each stretch without wrong rows; may be empty
     begins = begins[begins < len(t)]
-    ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # time of the next wrong row, inf: none
+    ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # time of the next wrong row; inf: none
     long = np.flatnonzero(ends - t[begins] >= hold - 1e-9)
     return float(max(t[begins[long[0]]] - start, 0.0)) if len(long) else np.inf
 
@@ -303,9 +306,10 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes: numbers of reported and of false changes. For
-    each event: time until the event is detected, time until all stiffnesses have settled,
-    and total time in which a stiffness was flagged valid in spite of a large error, s."""
+    """Return the scores of regime changes: the numbers of reported and of false changes
+    and, for each event, three times [s]: time until the event is detected, time until all
+    stiffnesses have settled, total time in which a stiffness was flagged valid although
+    its error was above OFF."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(

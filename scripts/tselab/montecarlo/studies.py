@@ -19,7 +19,7 @@ from tselab.montecarlo.estimators import PEERS, VARIANTS, get_overrides
 # simulator and a random generator, and returns a Maneuver.
 
 WAVE_STEER, WAVE_TORQUE = 0.02, 700.0  # [rad], [Nm] amplitudes of the paper's square waves
-LOW_STEER, LOW_SLIP = 0.005, 0.005  # [rad], [1] amplitudes of low excitation
+LOW_STEER, LOW_SLIP = 0.005, 0.005  # [rad], [1] amplitudes of steering and slip at low excitation
 
 
 def drive_square_waves(
@@ -44,8 +44,9 @@ def drive_square_waves(
 
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
-    """Return the torque on the front axle that causes a steady slip of this axle, Nm. It
-    also accelerates the front wheels and, through the car, the rear wheels."""
+    """Return the torque [Nm] on the front axle that causes the constant slip `slip` of
+    this axle. It includes the torque that accelerates the front wheels and, through the
+    car, the rear wheels."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -297,7 +298,9 @@ DEGREE = np.pi / 180
 class Study:
     """A study: a list of cases."""
 
-    name: str  # with names of estimators that are added to all cases, such as "stress+ekf"
+    # name of the study and, each after a "+", names of estimators that are added to all
+    # cases. Example: "stress+ekf"
+    name: str
     title: str
     runs: int  # default number of runs of each case
     cases: tuple[Case, ...]
@@ -317,7 +320,8 @@ def _make_square_waves(duration: float = 30.0, **more: object) -> partial:
 
 
 def _draw_paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
-    """Return the setting of the initial speed, which has a random error of 1 m/s sd."""
+    """Return the setting of the initial speed: the true speed plus a random error with an
+    sd of 1 m/s."""
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
@@ -496,7 +500,8 @@ def _make_stress_cases() -> tuple[Case, ...]:
     )
 
 
-# [s] slow change: duration, start, and time from its end to the end of the drive
+# [s] slow change of the road: its duration, its start, and the time from its end to the
+# end of the drive
 SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 
 

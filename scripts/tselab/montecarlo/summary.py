@@ -49,7 +49,7 @@ def bootstrap_interval(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
     """Return the bootstrap percentile interval of a statistic, or NaN for fewer than two
-    runs. The last axis of `values` is the number of the run. Whole runs are resampled
+    runs. The last axis of `values` has one entry for each run. Whole runs are resampled
     with replacement, so that all values of a run stay together."""
     values = np.asarray(values, float)
     n = values.shape[-1]
@@ -68,8 +68,8 @@ def compute_rms_ratio(pair: np.ndarray) -> np.ndarray:
 
 
 def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
-    """Return the mean, and half the width of its t interval. The width is NaN for fewer
-    than two values, the mean is NaN for none."""
+    """Return the mean, and half the width of its t interval. For a single value the width
+    is NaN. For no values both are NaN."""
     values = np.asarray(values, float)
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
@@ -183,9 +183,9 @@ def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") ->
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
     """Return two cells with settling times after an event. First cell: time until the
-    error is small for SETTLED_FOR. Second cell: time until the error stays small up to
-    the next event. Each cell has the median of the runs and, in brackets, the max, both
-    for the stiffness that settles last."""
+    error stays below CLOSE for SETTLED_FOR. Second cell: time until it stays below CLOSE
+    up to the next event. Each cell has the median of the runs and, in brackets, the max.
+    Both are times of the stiffness that settles last."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -286,7 +286,7 @@ SETTLING_NOTE = (
 
 
 def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return the tables that only this study has.
+    """Return the tables that only the study of `plan` has.
 
     `runs`: the scores of all runs. `summary`: from summarise()."""
     of_study = {
@@ -593,9 +593,9 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Format the times of all runs until something happens as "median (max)". If it did
-    not happen in some runs, whose time is inf, the result is "median (never: number of
-    these runs)"."""
+    """Format the times until something happens in each run as "median (max)". If the time
+    is inf in some runs, because it did not happen, the result is "median (never: number
+    of these runs)"."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
