@@ -159,9 +159,9 @@ class Estimate(EstimateBase):
     sideslip_sd: float
     """Standard deviation of sideslip [rad]."""
     grip: float
-    """Friction coefficient of the tyres: max lateral force of an axle over its load;
-    if tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of
-    both axles; default filter only."""
+    """Friction coefficient of the tyres: max lateral force of an axle / its load; if
+    tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both
+    axles; default filter only."""
     grip_sd: float
     """Standard deviation of grip."""
     grip_valid: bool
@@ -173,8 +173,8 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Standard deviation of cx_front [N]."""
     cx_front_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -187,8 +187,8 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Standard deviation of cy_front [N/rad]."""
     cy_front_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N/rad]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -201,8 +201,8 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Standard deviation of cy_rear [N/rad]."""
     cy_rear_spread: float
-    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
-    process sd, sqrt(Sigma) [N/rad]."""
+    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
+    sd of the stiffness, sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -223,28 +223,28 @@ class Estimate(EstimateBase):
     bias_yaw_rate_sd: float
     """Standard deviation of bias_yaw_rate [rad/s]."""
     noise_accel_x: float
-    """Estimated noise sd of accel_x over its setting; default filter only."""
+    """Estimated noise sd of accel_x / its setting; default filter only."""
     noise_accel_y: float
-    """Estimated noise sd of accel_y over its setting."""
+    """Estimated noise sd of accel_y / its setting."""
     noise_yaw_rate: float
-    """Estimated noise sd of yaw_rate over its setting."""
+    """Estimated noise sd of yaw_rate / its setting."""
     noise_wheel_front: float
-    """Estimated noise sd of wheel_speed_front over its setting."""
+    """Estimated noise sd of wheel_speed_front / its setting."""
     noise_wheel_rear: float
-    """Estimated noise sd of wheel_speed_rear over its setting."""
+    """Estimated noise sd of wheel_speed_rear / its setting."""
     p_steady: float
-    """Probability: tyres as before."""
+    """Probability that the tyres are as before."""
     p_changed: float
-    """Probability: the stiffness of all tyres has changed within the last 2 s, a
+    """Probability that the stiffness of all tyres has changed within the last 2 s: a
     different road."""
     p_axle: float
-    """Probability: the stiffness of one axle has changed within the last 2 s."""
+    """Probability that the stiffness of one axle has changed within the last 2 s."""
     p_fault: float
-    """Probability: a channel has an offset, is frozen or noisy."""
+    """Probability that a channel has an offset, is frozen or noisy."""
     p_sliding: float
-    """Probability: wheels lock or spin."""
+    """Probability that wheels lock or spin."""
     p_restarted: float
-    """Probability: the filter started over within the last 2 s."""
+    """Probability that the filter started over within the last 2 s."""
     change_age: float
     """Time since the last change (change_kind); 0 before the first change [s]."""
     change_probability: float
@@ -254,11 +254,11 @@ class Estimate(EstimateBase):
     """Kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear
     axle, 4 the filter started over."""
     change_cx_front: float
-    """Longitudinal stiffness now over its value before the last change."""
+    """Ratio of the longitudinal stiffness now to its value before the last change."""
     change_cy_front: float
-    """Front cornering stiffness now over its value before the last change."""
+    """Ratio of the front cornering stiffness now to its value before the last change."""
     change_cy_rear: float
-    """Rear cornering stiffness now over its value before the last change."""
+    """Ratio of the rear cornering stiffness now to its value before the last change."""
     fault_channel: str | None
     """The channel that is most probably faulty; None: there is none."""
     discrepancy_accel_x: float
@@ -280,8 +280,9 @@ class Estimate(EstimateBase):
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
     nis_accel_x: float
-    """Normalised innovation squared of accel_x, without its slowly varying part; 1 on
-    average if model and settings fit; 0 if it was not used; default filter only."""
+    """Normalised innovation squared of accel_x; the slowly varying part of the
+    innovation is subtracted first. The mean is 1 if model and settings fit; 0 if it
+    was not used; default filter only."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
@@ -291,8 +292,8 @@ class Estimate(EstimateBase):
     nis_wheel_rear: float
     """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
-    """Estimated delay of the steering relative to the IMU, by bus, steering and tyres
-    together; negative: the steering leads; default filter only [s]."""
+    """Estimated delay of the steering relative to the IMU, caused by bus, steering and
+    tyres together; negative: the steering leads; default filter only [s]."""
     lag_steer_sd: float
     """Standard deviation of lag_steer [s]."""
     estimate_age: float
@@ -301,19 +302,19 @@ class Estimate(EstimateBase):
     n_eff: float
     """Effective number of particles, 1/sum q^2 of their weights q; default filter: 1."""
     log_evidence: float
-    """Log likelihood of the measurements of this row, given all rows before; 0 if no
+    """Log likelihood of the measurements of this row, given all earlier rows; 0 if no
     measurement was used [nat]."""
     status: Status
     """Use of the row; `status_text` describes it in words."""
     cx_front_secant: float
-    """Secant longitudinal stiffness of the front axle: force over slip at the slip and
+    """Secant longitudinal stiffness of the front axle: force / slip at the slip and
     load of this row [N]."""
     cy_front_secant: float
-    """Secant cornering stiffness of the front axle: force over slip angle at the slip
-    and load of this row [N/rad]."""
+    """Secant cornering stiffness of the front axle: force / slip angle at the slip and
+    load of this row [N/rad]."""
     cy_rear_secant: float
-    """Secant cornering stiffness of the rear axle: force over slip angle at the slip
-    and load of this row [N/rad]."""
+    """Secant cornering stiffness of the rear axle: force / slip angle at the slip and
+    load of this row [N/rad]."""
     fault_factor: float
     """Factor by which the implausible channel is too large, such as 57.3 for degrees
     in place of radians, or -1 for a wrong sign; 0: no such factor, or the channel

@@ -149,10 +149,9 @@ def explain_remainder(
     """Search for formulas, and return the result of the formula search, the named
     effects, and all worlds that were compared.
 
-    Formula and named effects are those of the world Worlds.find_best(). An effect is dropped
-    if the probability that it or a look-alike is missing, times Worlds.with_name(), is
-    below NAME_AT.
-    """
+    Formula and named effects are those of the world Worlds.find_best(). An effect is
+    dropped if the probability that it or a look-alike is missing, times
+    Worlds.with_name(), is below NAME_AT."""
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
         naming = name.drop_names(problem, naming, frozenset(), little)
