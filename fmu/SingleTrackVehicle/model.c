@@ -15,8 +15,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Initialisers of the variables of the FMU. The tables of columns and of settings call
- * one for each row. */
+/* Initialisers of the variables of the FMU. The generated tables of columns and settings
+ * call one of these macros for each row. */
 /* clang-format off */
 #define DRIVES(name, def, lo, hi, unit, text) \
   { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), \

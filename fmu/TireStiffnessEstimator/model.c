@@ -15,7 +15,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Initialisers of the variables of the FMU. The tables of columns call one for each. */
+/* Initialisers of the variables of the FMU. The generated tables of columns call one of
+ * these macros for each column. */
 /* clang-format off */
 #define CHANNEL(name, drives, lo, hi, unit, text) \
   INPUT(#name, name, lo, hi, unit, text "; NaN: missing")
@@ -127,8 +128,9 @@ const fmu_info fmu_about = {
   1e-4,
 };
 
-/* Call `row` for the codes of a list of the library. Leave out negative status codes:
- * after them, a step is not complete and has no outputs. */
+/* Call `row` for each code of the library's list `which`, with `type` as the name of the
+ * enumeration type. Leave out negative status codes: they mean that a step was refused,
+ * and a refused step has no outputs. */
 static void list_described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
 {
   int32_t count;
@@ -176,10 +178,10 @@ void model_note_set(model *m, const fmu_variable *v, double value)
 }
 
 /* Compute the settings with which the filter runs. If m->exact is 0, they are the
- * parameters. If it is 1, a parameter that the importer has set keeps its value, and any
- * other gets the value of tse_config_exact(). Some importers first set every parameter to
- * its start value. Therefore, if every parameter has been set, one that was set to its
- * start value counts as not set. */
+ * parameters. If it is 1, a parameter that the importer has set keeps its value, and all
+ * other parameters get their values of tse_config_exact(). Some importers first set every
+ * parameter to its start value. If all parameters have been set, those that were set to
+ * their start values therefore count as not set. */
 static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;

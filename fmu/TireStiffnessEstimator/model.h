@@ -6,7 +6,8 @@
 
 enum { SETTINGS = sizeof(tse_config) / sizeof(int32_t) }; /* max number of settings */
 
-/* Whether the importer has set a parameter, and whether to its start value. */
+/* What the importer has done to a parameter: not set it, set it to its start value, or
+ * set it to a different value. */
 enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 
 /* Arrays of three are in the order of TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. */

@@ -72,7 +72,7 @@ static const unit *find_unit(const fmu_variable *v)
 /* Return 1 if the model has a variable with this unit. */
 static int is_used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* of fmu_time, a variable in FMI 3.0 only */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* fmu_time has it; only FMI 3.0 has fmu_time */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
@@ -287,11 +287,11 @@ static void print_middle(int fmi)
   (void)puts("  <ModelVariables>");
 }
 
-/* Attribute with the inputs on which an output depends at a communication point: none,
- * because an input takes effect at the end of the next step. */
+/* Attribute that lists the inputs on which an output depends at a communication point.
+ * The list is empty, because an input takes effect at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
-/* The same in initialization mode. Without the attribute, FMI assumes that an output
- * depends on all parameters and inputs. */
+/* The same attribute for initialization mode: left out. FMI then assumes that an output
+ * depends on all parameters and inputs, which is the case here. */
 #define AT_START ""
 
 static void print_model2(int files, char **file)

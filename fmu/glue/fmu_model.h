@@ -22,8 +22,8 @@ typedef struct fmu_variable {
                      * 'i': Integer, 'b': Boolean, 'e': Enumeration, each an int32_t */
   char role;        /* 'p': parameter, 'i': input, 'o': output, 't': time */
   int32_t offset;   /* [bytes] offset in `model` */
-  int32_t rate;     /* [bytes] offset in `model` of the time derivative of an input, with
-                     * which the model extrapolates the input during a step; or FMU_NO_RATE */
+  int32_t rate;     /* [bytes] offset in `model` of the time derivative of an input, which
+                     * extrapolates the input during a step. FMU_NO_RATE: none */
   double start;     /* start value of a parameter or input */
   double lo, hi;    /* range; there is no range if hi < lo. A parameter outside its range is
                      * refused, except its start value. model_step() checks the inputs. */
@@ -56,7 +56,7 @@ extern const fmu_array fmu_arrays[];
 extern const int32_t fmu_array_count;
 
 /* A terminal of FMI 3.0: a group of variables that the user connects in one action.
- * Importers connect two terminals of the same kind, member by member of the same name.
+ * Importers connect two terminals of the same kind: each member with that of equal name.
  * The members are the Real variables of `role` whose name is `prefix` + member name. */
 typedef struct fmu_terminal {
   const char *name, *kind;
@@ -109,8 +109,8 @@ const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE]);
  *   Given:  m  all bytes are 0 */
 void model_init(model *m);
 
-/* Note that the importer has set a parameter. The value is already in m. A model that
- * does not distinguish between set and unset parameters does nothing here. */
+/* Record that the importer has set a parameter. The caller has already written the value
+ * into m. A model that does not distinguish set and unset parameters does nothing here. */
 void model_note_set(model *m, const fmu_variable *v, double value);
 
 /* Check the parameters, set the state at time `start` [s], and compute all outputs from

@@ -163,8 +163,8 @@ static const char *get_type_name(const instance *s, char kind)
   }
 }
 
-/* Return 1 if the functions for variables of this kind may access a variable. In FMI 2.0,
- * the functions for Integer also access enumerations. */
+/* Return 1 if FMI's get and set functions for this kind of variables may access v. In FMI
+ * 2.0, the functions for Integer also access enumerations. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');

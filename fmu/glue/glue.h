@@ -127,7 +127,7 @@ int32_t glue_count_elements(const instance *s, uint32_t vr);
 int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function);
 
-/* Check that a call without variables passes no values, so that `count` is 0. */
+/* Check that a call without variables passes no values: `count` must be 0. */
 glue_status glue_check_empty(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */
@@ -155,8 +155,9 @@ glue_status glue_reset(instance *s);
  * time. */
 double glue_get_time(const instance *s);
 
-/* Define a function of FMI: find the instance `s` of the pointer `c`, then evaluate
- * `call`, a call of a function of glue.c. fmi_status is the status type of FMI. */
+/* Define a function of FMI. It finds the instance `s` to which its argument `c` points,
+ * and returns the result of the expression `call`, such as glue_free_state(s, ...).
+ * fmi_status is the status type of FMI. */
 #define GLUE_CALL(name, arguments, call)                    \
   fmi_status name arguments                                 \
   {                                                         \

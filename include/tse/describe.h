@@ -66,9 +66,9 @@ typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;            /* number of its bit in tse_effects.mask */
   const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
-  const char *occurrence; /* how often cars have it: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED, IN_MODEL */
-  const char *early;      /* name of the effect if its value is below early_below; it is then a latency of
-                           * the logging or a low pass of the IMU. "": there is no such name */
+  const char *occurrence; /* column `occurrence` of src/tables/effects.toml: SENSOR, EVERY_CAR ... */
+  const char *early;      /* title if the strength is below early_below: such a strength is a latency of the
+                           * log or a low pass of the IMU, not an effect of the car. "": no such title */
   double early_below;
 } tse_effect_row;
 
@@ -96,14 +96,14 @@ typedef struct tse_effect_parameter {
 } tse_effect_parameter;
 
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.
- *   count NULL: no count */
+ *   count NULL: the number of rows is not returned */
 const tse_effect_row *tse_describe_effects(int32_t *count);
 /* Return the parameters of these effects in the same way. */
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 
 /* Return the use of every setting, in the order of tse_describe(TSE_STRUCT_CONFIG):
  * pointer to the first of *count rows.
- *   count NULL: no count */
+ *   count NULL: the number of rows is not returned */
 const tse_setting_row *tse_describe_settings(int32_t *count);
 
 /* Properties of this build of the library. New members are appended at the end, so that a

@@ -66,7 +66,7 @@ extern "C" {
  * has not been valid since is at least the loaded variance.
  *   Returned:  out  unchanged if the result is negative
  *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has had no row
- *              yet, or holds a NaN. Keep the older bytes then */
+ *              yet, or holds a NaN. In this case keep the bytes of the earlier drive */
 tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out[TSE_LEARNT_BYTES]);
 
 /* Load a learnt state as the prior of the next start. Call it after tse_reset() and
@@ -81,13 +81,14 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
  *                                    learnt_walk_day^2 times the days, at most the
  *                                    variance in the settings
- *              process sd            As saved, at most spread_max. The variance of the
- *                                    mean is added to its square. It has the weight of
- *                                    initial_dof samples. Paper's filter only
+ *              process sd            Paper's filter only. As saved, at most spread_max.
+ *                                    The variance of the mean is added to the square of
+ *                                    this sd. The sum counts as the result of initial_dof
+ *                                    samples
  *              bias                  Its variance grows by the random walk *_bias_walk,
  *                                    up to *_bias_sd^2. Meanwhile the bias decays, and
- *                                    is 0 at this limit, because a part of it is the
- *                                    slope of the road on which it was learnt
+ *                                    is 0 at this limit, because a part of the learnt
+ *                                    bias is due to the slope of the last road
  *              noise, correlations   As saved
  *              grip, steering,       Their sd is at least a tenth of the sd in the
  *              wheel radius          settings, and at most this sd

@@ -114,7 +114,7 @@ typedef struct tse_sim_bytes {
   unsigned char rest[sizeof(tse_sim_config) + 134 * sizeof(tse_real) + 24 + 6 * TSE_PADDING];
 } tse_sim_bytes;
 
-/* A simulation, allocated by the caller as the structs of tse/state.h are. */
+/* A simulation. The caller allocates it, as the structs of tse/state.h. */
 typedef struct tse_sim tse_sim;
 #if !defined(TSE_INTERNALS)
 struct tse_sim {

@@ -73,7 +73,7 @@ extern "C" {
  *   stiffness or      tse_prepare() uses the value that cars of the class with this mass
  *   yaw inertia 0     and these axles have
  *   mass 0            The mass is unknown: tse_prepare() uses the mass of the class, with
- *                     an sd of 30 %. No stiffness becomes valid. Its reason is
+ *                     an sd of 30 %. No stiffness becomes valid: the reason of each is
  *                     TSE_PARAMETERS_UNCERTAIN
  *   c NULL            no effect
  * The C library, the FMU, Python, the page and the command line have the same defaults.
@@ -182,7 +182,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     steering angle missing
  *         The last angle is held for up to max_gap. After that the motion is unknown
  *         until there is an angle again.
- *     a measurement with an innovation e beyond 3 sd
+ *     a measurement whose innovation e exceeds 3 sd
  *         Its gain is reduced: e^2/9 is used as the variance of the innovation.
  *     a faulty channel
  *         regime[TSE_REGIME_FAULT] and fault_channel report it. The channel is ignored
@@ -203,8 +203,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         ignored if it is NaN or out of range, repeats the previous value, or
  *         contradicts the estimates.
  *     brake or wheel torques given
- *         They replace accel_x in the decision which axle rolls freely. If no axle
- *         does and the grade of the road is uncertain, the longitudinal stiffness
+ *         They are used in place of accel_x to decide which axle rolls freely. If no axle
+ *         rolls freely and the grade of the road is uncertain, the longitudinal stiffness
  *         is not updated.
  *     uncertain parameters (settings mass_sd to grade_sd)
  *         They reduce the gains (Schmidt-Kalman filter) and increase each sd.

@@ -192,7 +192,7 @@ def make_static(text: str, public: set[str]) -> str:
 
 
 class Amalgamation:
-    """The texts of tse.h and tse.c. `defaults`: options that they have as defaults."""
+    """The texts of tse.h and tse.c. `defaults`: build options that hold by default."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
@@ -302,15 +302,16 @@ class Amalgamation:
         return f"\n/* ======== {name} */\n\n{INCLUDE.sub(put, text)}"
 
     def format_head(self, name: str, more: str) -> str:
-        """Return the comment at the top of a file; `more` is its end."""
+        """Return the comment at the top of a file. It ends with the text `more`."""
         return ABOUT.format(name=name, version=self.sources.version) + more + " */\n"
 
 
 def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Return new names for the names that several files define, for each file.
+    """Find names that several files define. Return for each file: old name -> new name.
 
-    For example, `factor` of host/simulate.c becomes `simulate_factor`. In a file, a name
-    means that of the file itself or of a header that it includes, directly or not.
+    For example, `factor` of host/simulate.c becomes `simulate_factor`. A file uses the
+    definition that is in the file itself or in a header that it includes, directly or
+    not.
     """
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():

@@ -17,8 +17,8 @@ from pathlib import Path
 from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
-# units of the stiffnesses in the Python API. In the library, stiffnesses are relative to
-# their nominal values
+# unit of each stiffness in the Python API. In the C library, stiffnesses have no unit:
+# they are relative to their nominal values
 UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}
 HEAD = '''\
 """Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""

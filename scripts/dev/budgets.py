@@ -45,7 +45,7 @@ OPTIONS = (
 )
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
-CALIBRATION = 200_000  # instructions of the loop of known length, without entry and exit
+CALIBRATION = 200_000  # instructions in the loop of known length, which checks the count
 # [bytes] assumed stack of a function of libc or libgcc, for which the compiler writes no
 # stack usage. memcpy and sqrt need less
 EXTERNAL = 64
@@ -62,7 +62,7 @@ class Measured:
     values: dict[str, float] = field(default_factory=dict)  # quantity of QUANTITIES: its value
     # kind of rows: number of rows, mean and maximum number of instructions
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
-    stacks: dict[str, int] = field(default_factory=dict)  # how it was measured: stack, bytes
+    stacks: dict[str, int] = field(default_factory=dict)  # method of measuring: stack [bytes]
 
     def list_exceeded(self) -> list[str]:
         """Return a message for each limit that is exceeded."""
@@ -153,21 +153,22 @@ def set_level(machine: m.Machine, level: str) -> m.Machine:
 
 
 def read_number(text: str, name: str) -> int:
-    """Return the number in the line that begins with `name` of a program's output."""
+    """Return the number in a program's output, from the line that begins with `name`."""
     return int(re.search(rf"^{name} (\d+)$", text, re.M)[1])
 
 
 def measure_flash(program: Path) -> int:
-    """Return the size of a program in flash, bytes: code, constants, initial values."""
+    """Return the size [bytes] of a program in flash: code, constants, initial values."""
     said = m.run_command(["arm-none-eabi-size", "-A", str(program)])
     return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", said, re.M))
 
 
 def find_deepest_stack(folder: Path, name: str) -> int:
-    """Return the largest stack, bytes, over all paths of calls that start in a function.
+    """Return the largest stack [bytes] of all chains of calls that start in a function.
 
-    gcc writes the stack of each function and its calls to .ci files. The library has no
-    recursion and no calls by pointer, so that these paths are all.
+    gcc writes the stack of each function, and the functions that it calls, to .ci files.
+    These files contain all chains, because the library has no recursion and no calls by
+    pointer.
     """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)

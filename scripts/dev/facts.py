@@ -25,8 +25,8 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
-# name of a table in scripts/results: number of runs of each case, study of `tselab
-# montecarlo`, and cases (all, if none are named)
+# Key: name of a table in scripts/results. Value: number of runs of each case, name of the
+# study of `tselab montecarlo`, and its cases that are run; without the last: all cases
 STUDIES = {
     "accuracy": (24, "accuracy"),
     "stress": (24, "stress"),
@@ -38,8 +38,8 @@ STUDIES = {
 }
 PICTURES = ("paper",)  # tables of STUDIES that have a picture
 
-# Names of the variables of each FMU that have a row each in the table. All other
-# variables are listed by group.
+# Regular expression for the variables of each FMU that have a row of their own in the
+# table. All other variables are listed by group.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",

@@ -32,8 +32,9 @@ FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
 # is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for cy_rear with seeds 11, 12, 13 and
 # the seed of the drive. Different rounding changes it as much as a different seed.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
-# limits of the change from double to fixed point. rms: increase of the RMS error, % of
-# that in double; valid: change of the share of valid rows, percentage points
+# limits of the change from double to fixed point:
+# rms: [% of the RMS error in double] increase of the RMS error
+# valid: [percentage points] change of the share of valid rows
 LIMIT = {"rms": 5.0, "valid": 3.0}
 # CMake options of the smallest build: lateral motion alone, without particles
 SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")

@@ -3,18 +3,21 @@
 #
 # libFuzzer runs the C targets of tests/fuzz with address and undefined-behaviour
 # sanitizers, in double, float and fixed point. tests/fuzz/readers.py runs the readers.
-# Prints a table. If an input is found, fails and writes it to build/fuzz/found/TARGET.
+# Prints a table. If an input makes a target fail, the script fails, too, and writes this
+# input to build/fuzz/found/TARGET.
 #
 #   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise]
 #                       [--table FILE]
 #     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...;
 #                   float_step, fixed_step ...; reader_log, reader_vehicle ... (all)
 #     --runs N      number of inputs of each target. Example: 1000000
-#     --seconds S   time of each target, s. With --runs, the search ends at the first
-#                   limit; default without either: 3 s, a minute for all targets
+#     --seconds S   [s] time of each target. With --runs, too, the search ends at the
+#                   limit that is reached first. Without both options, each target takes
+#                   3 s, and all targets take a minute
 #     --seed N      seed of the random numbers; it makes --runs repeatable (random)
-#     --minimise    write to tests/fuzz/inputs.hex the inputs that reach code that no
-#                   smaller input reaches, at most 40 of a target
+#     --minimise    reduce the inputs of each target to those that are needed to reach the
+#                   same code, keep at most 40 of them, and write these to
+#                   tests/fuzz/inputs.hex
 #     --table FILE  write the table in Markdown to a file, such as scripts/results/fuzz.md
 #
 # Without clang and libFuzzer, the C targets are skipped. Exit code 77: no target ran.

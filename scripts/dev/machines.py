@@ -30,7 +30,7 @@ DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 # not accept them.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 # [s] limit of processor time. The slowest program, which computes double in software on
-# an emulated M3, needs one minute, so that a program that exceeds the limit hangs.
+# an emulated M3, needs one minute: a program that exceeds ten minutes is hanging.
 MAX_SECONDS = 600
 
 
@@ -50,9 +50,9 @@ def find_golden_file(real: str) -> Path:
 
 
 def read_golden(real: str) -> dict[str, str]:
-    """Return the hashes that tests/replay/update.py has written, by run.
+    """Return the hashes that tests/replay/update.py has written. The key is the run.
 
-    The name of a run has the filter and the method of resampling."""
+    The name of a run consists of the filter and the method of resampling."""
     return {
         name: hash_
         for hash_, name in re.findall(r"^# hash (\w+) (.+)$", find_golden_file(real).read_text(), re.M)
@@ -157,8 +157,8 @@ def make_cortex(
         level,
     )
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    # A processor with a unit for float only computes double in software, as the M3 does.
-    # Double is therefore run on the M3 only.
+    # A processor whose floating-point unit has float but not double computes double in
+    # software, as the M3 does. Double is therefore run on the M3 only.
     leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
     return Machine(
         name,
@@ -207,8 +207,8 @@ def list_machines() -> list[Machine]:
     return [
         *native,
         Machine("x86-64, denormals flushed", ("gcc",), ("-O2", "-DFLUSH_DENORMALS")),
-        # Constants in fixed point are conditional expressions of real numbers, which tcc
-        # does not evaluate at compile time.
+        # tcc has no fixed point: the constants of this format are conditional expressions
+        # of real numbers, and tcc does not evaluate such expressions at compile time.
         Machine("x86-64", ("tcc",), (), known=(), leaves=("fixed",)),
         make_qemu_user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
         make_qemu_user(
@@ -404,7 +404,7 @@ def build_program(
     *more : str
         Further compiler flags, such as -DTSE_NO_EFFECTS.
     stack : int
-        Size of the stack on a microcontroller, bytes.
+        [bytes] Size of the stack on a microcontroller.
     beside : iterable of Path
         Further source files.
     """

@@ -76,7 +76,9 @@ def list_options(machine: m.Machine) -> list[str]:
 
 
 def find_reason(text: str) -> str:
-    """Return the line of an output that states the error, or why it was skipped."""
+    """Return the reason for a failed run: the line of its output that states the error.
+
+    If the output says that the program is too large, return why the run is skipped."""
     if why := m.explain_misfit(text):
         return f"skipped: {why} ({STACK:,} B)" if "stack" in why else f"skipped: {why}"
     lines = [
@@ -109,9 +111,9 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
 
 
 def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
-    """Return a hash of all on which a result depends.
+    """Return a hash of everything that changes a result.
 
-    These are sources, drive, golden hashes, compiler, emulator and flags."""
+    This is sources, drive, golden hashes, compiler, emulator and flags."""
     files = [work.write_sources() / name for name in ("tse.c", "tse.h", "rows.h")]
     files += [m.HERE / "replay.c", m.HERE / machine.port]
     files += [

@@ -55,7 +55,10 @@ def wrap(text: str, first: str, rest: str) -> list[str]:
 
 
 def find_end(line: str, is_first: bool) -> str:
-    """Return the mark that ends a part without prose which this line starts, or ""."""
+    """If this line starts a part without prose, return the mark that ends the part.
+
+    For example, a line "```c" starts a code block, which ends with "```". If the line
+    starts no such part, return "". `is_first`: the line is the first of the file."""
     stripped = line.strip()
     if stripped.startswith(("```", "~~~")):
         return stripped[:3]

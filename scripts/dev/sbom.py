@@ -68,7 +68,7 @@ def make_bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> B
     version : str
         Version of the release.
     epoch : int
-        Time of the commit, s since 1970.
+        [s] Time of the commit, since 1970.
     files : dict of str to str
         SHA-256 of each file of the release, by name.
     """

@@ -44,7 +44,7 @@ CASES = (
 )
 # results on calibrated cars: columns of the table
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
-FACTORS = (0.5, 2.0)  # by which a constant is multiplied
+FACTORS = (0.5, 2.0)  # factors by which each constant is multiplied, one after the other
 
 
 def read_constants() -> list[tuple[str, float, str, str, str]]:
@@ -63,8 +63,8 @@ def build_library(name: str, factor: float) -> Library:
     header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
     changed = header.replace(f" {name} TSE_R({value!r})", f" {name} TSE_R({value * factor!r})")
     assert changed != header, name
-    # included first. Its include guard is that of src/tables/constants.h, so that the
-    # compiler skips the latter
+    # The compiler option -include inserts this copy before the source. The copy has the
+    # include guard of src/tables/constants.h, so that the compiler skips the original.
     first = folder / "constants.h"
     first.write_text(changed, encoding="utf-8")
     flags = f"-include {first}"

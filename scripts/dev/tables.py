@@ -41,8 +41,8 @@ CONFIG = (
     "formula",
     "filter",
 )
-# file of a table that shares its file with other tables. Any other table is the whole
-# file of its name
+# Key: a table that shares its file with other tables. Value: name of this file. Any table
+# that is not a key has a file of its own, with the name of the table.
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
@@ -145,7 +145,8 @@ def quote(x: str) -> str:
 def pack_lines(parts: Iterable[str]) -> list[str]:
     """Return the parts, joined by spaces, in lines of at most 106 columns.
 
-    No part is broken: a NUL stands for each of its spaces until fill_tables()."""
+    No part is broken: its spaces are replaced by NUL characters before the lines are
+    wrapped, and fill_tables() replaces these by spaces again."""
     return textwrap.wrap(
         " ".join(p.replace(" ", "\0") for p in parts), 106, break_long_words=False, break_on_hyphens=False
     )
@@ -187,7 +188,7 @@ def make_fmu_name(group: str, name: str) -> str:
 
 
 def list_settings() -> Iterator[str]:
-    """Yield a macro SETTINGS_<TABLE> with the settings of each table, except effects."""
+    """Yield a macro SETTINGS_<TABLE> for each table except effects: its settings."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
             f"{'WHOLE' if r['whole'] else 'REAL'}({quote(make_fmu_name(group, n))}, {n}, "
@@ -295,9 +296,9 @@ def list_constants() -> list[str]:
 
 
 def list_config_groups() -> list[str]:
-    """Return constants with the first index and the number of the settings of a table.
+    """Return constants: first index and number of the settings of some tables.
 
-    The index counts the settings of the same type, real or integer, in tse_config."""
+    An index counts the settings of one type, real or integer, in tse_config."""
     parts = []
     reals = [n for n, r in read_config().items() if not r["whole"]]
     wholes = [n for n, r in read_config().items() if r["whole"]]
@@ -528,9 +529,9 @@ DEFINITION = re.compile(  # definition in a C file of a function or array that i
 
 
 def define_internal_names() -> Iterator[str]:
-    """Yield a macro that adds a prefix to each name that files of src share.
+    """Yield a macro that adds a prefix to the internal names that the linker sees.
 
-    The names are of functions and arrays that are neither static nor part of the API.
+    These are functions and arrays of src that are neither static nor part of the API.
     """
     for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
         texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]
@@ -541,7 +542,7 @@ def define_internal_names() -> Iterator[str]:
             yield from (f"#define {name} TSE_NAME(tse_{name})" for name in internal)
 
 
-REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # function that returns the lines of a part
+REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # NAME of a part: function that returns its lines
     "settings_lists": list_settings,
     "output_members": list_output_members,
     "hashed_outputs": list_hashed_outputs,

@@ -68,9 +68,10 @@ def draw_interval(
 
 
 def draw_slope(c: Inks) -> Any:
-    """Draw the side force of the front axle over its slip angle.
+    """Draw the lateral force of the front axle against its slip angle.
 
-    Points are before and after a road change. The slope of the lines is the stiffness.
+    The points are samples before and after a road change. The slope of the line through
+    each set of points is the cornering stiffness.
     """
     drive, _ = run_drive(duration=40, road_changes=[(20.0, 0.5)])
     log, truth = drive
@@ -103,7 +104,7 @@ def draw_slope(c: Inks) -> Any:
 
 
 def draw_change(c: Inks) -> Any:
-    """Draw the estimate and the probability of a change around a road change."""
+    """Draw a stiffness and the probability of a change, shortly before and after one."""
     drive, est = run_drive(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])

@@ -13,7 +13,7 @@ from tse.library.errors import UserError
 from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
-DRIVE_DURATION = 6.0  # [s] of the simulated drive: long enough for a verdict, and quick to run
+DRIVE_DURATION = 6.0  # [s] duration of the simulated drive: a verdict needs several seconds
 ESTIMATE = "estimate log.csv --vehicle car.toml"
 ERROR_PREFIX = "tselab: error"
 

@@ -151,7 +151,9 @@ def make_config_page() -> str:
 
 
 def make_uncalibrated() -> str:
-    """Return a table of the settings that differ for an ordinary and an exact car."""
+    """Return a table of the settings whose defaults differ from those of an exact car.
+
+    An exact car is one whose parameters are known exactly (tse_config_exact())."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(
@@ -381,7 +383,7 @@ def make_gap_exit_codes() -> str:
 
 
 def find_equation(effect: str) -> str:
-    """Return the comment on the function of an effect, which has its equation."""
+    """Return the comment on the function of an effect. It contains the equation."""
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
         for f in ("effects_constant.h", "catalogue.h")
@@ -432,7 +434,7 @@ def make_c_page() -> str:
         text += [f"## {title}: `tse/{header}`", ""]
         previous = ""
         for name, declaration, comment in own:
-            comment = comment or previous  # a function without a comment shares that of the one above
+            comment = comment or previous  # without a comment of its own, that of the function above holds
             text += [
                 f"### {name}",
                 "",
@@ -497,7 +499,7 @@ CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}
 
 
 def make_controller() -> str:
-    """Return a table of time, clock rate and memory of a row on microcontrollers.
+    """Return a table for microcontrollers: time for a row, min clock rate, memory.
 
     The numbers are computed from scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
@@ -582,7 +584,8 @@ def make_measured_cars() -> str:
 def make_measured_events() -> str:
     """Return a table of how long estimates are wrong after events.
 
-    It also has the time until samples show that they are wrong."""
+    For comparison, it has the time that a filter needs to find the change if it knows
+    when the change happened."""
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )

@@ -71,10 +71,12 @@ void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[
   share[2] = r_div(t.y_rear.secant, r_mul(c->ky_rear, exponential(x[LCR])));
 }
 
-/* Compute the partial derivatives of the forces. Load transfer, steering compliance, and
- * the influence of the grip on longitudinal saturation are neglected.
- *   Given:    ax, ay  force of the front axle, in the axes of the car
- *   Updated:  f       derivatives */
+/* Compute the partial derivatives of the forces with respect to states and consider
+ * parameters. Load transfer, steering compliance, and the influence of the grip on
+ * longitudinal saturation are neglected.
+ *   Given:    t       forces of the tyres at x
+ *             ax, ay  force of the front axle, in the axes of the car
+ *   Updated:  f       by_x, by_y and by_yaw are set; sin_d and cos_d are read */
 static void compute_force_slopes(
     const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
@@ -137,7 +139,8 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   compute_force_slopes(c, x, &t, ax, ay, f);
 }
 
-/* Kinematic slip angle of an axle, which the slip angle of its tyres approaches. */
+/* Kinematic slip angle of an axle: the angle between the plane of its wheels and their
+ * velocity. The slip angle of the tyres approaches it over the relaxation length. */
 typedef struct kinematic {
   tse_real a;             /* [rad] */
   tse_real by_side, by_v; /* [s/m] its derivatives with respect to lateral and longitudinal speed */
@@ -171,7 +174,7 @@ static void add_slope(tse_short *row, int j, tse_real more)
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Advance velocities and roll by a substep h, and their partial derivatives M by the
+/* Advance velocities and roll by a substep h. Advance their partial derivatives M by the
  * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
  * The forces f do not include the response of the slip angles to the change of the
@@ -242,9 +245,10 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   add_slope(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Advance the slip angles by h, with velocities and roll at mid-step, and their partial
- * derivatives M. A ramp of the steering angle is replaced by a constant angle with the
- * same effect: the angle at mid-step or, if the relaxation is short, up to 0.5 h later.
+/* Advance the slip angles and their partial derivatives M by h. Velocities and roll have
+ * their values at mid-step. A ramp of the steering angle is replaced by a constant angle
+ * with the same effect: the angle at mid-step or, if the relaxation is short, the angle
+ * up to 0.5 h later.
  *   Given:     side  lateral force of the front axle
  *              from  steering angle at the start, after its latency
  *              rate  rate of the steering angle
@@ -326,7 +330,7 @@ void car_rates(
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real swing = compute_roll_swing(c, x, f->y);
-  /* derivative with respect to f->y */
+  /* derivative of rate[1] with respect to f->y */
   const tse_real gain_y = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain));
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
@@ -369,7 +373,7 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
       - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));
   const planar read = turn_axes(imu_x, imu_y, c->mount_sin, c->mount_cos);
   const tse_real gain_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
-                 gain_x = TSE_R(1) + c->pitch_leak; /* derivatives with respect to the forces */
+                 gain_x = TSE_R(1) + c->pitch_leak; /* derivatives of imu_y by f->y, and of imu_x by f->x */
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];

@@ -9,10 +9,12 @@
  *
  * The equations follow in the order of car.c. Names are those of the members of tse_car
  * (state.h) and of the states below. Other symbols:
- *   i              axle; of two signs, as in 1 -+ x, the first is for the front axle
+ *   i              axle. Two signs, as in 1 -+ x, mean 1 - x for the front axle and
+ *                  1 + x for the rear axle
  *   s, a           slip and slip angle of an axle
  *   d              road-wheel angle of the front axle
- *   c_x, c_i, c_mu ln(longitudinal stiffness, cornering stiffness, grip / nominal value)
+ *   c_x, c_i, c_mu ln(value / nominal value) of the longitudinal stiffness, of the
+ *                  cornering stiffness of axle i, and of the grip
  *
  *   Tyre        F = C s c(q), q = |C s|/limit; the same with the slip angle a for s
  *               c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model), interpolated by
@@ -120,9 +122,9 @@ enum {
 #else
 enum {
   STATE_ROWS(STATE_NAME) EXTRA_ROWS(STATE_NAME) STATES = PSI,
-  MOTION = SF, /* states before this one: motion */
-  PLACED = GX, /* states before this one: initialised from the sensors */
-  FAST = BX,   /* states before this one: process noise in every row */
+  MOTION = SF, /* the states before SF are the motion */
+  PLACED = GX, /* the states before GX are initialised from the sensors */
+  FAST = BX,   /* the states before BX get process noise in every row */
 };
 #endif
 
@@ -177,12 +179,14 @@ enum {
   STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF
 };
 
-/* Return the state of a stiffness (a = TSE_CX_FRONT ..) or of the grip (a = 3). */
+/* Return the index of the state that holds a stiffness (a = TSE_CX_FRONT ..) or the grip
+ * (a = 3). */
 static inline int stiffness_at(int a) { return a == 0 ? LCX : LCF + a - 1; }
-/* Return the state of the bias of a channel of the IMU (i = ACCEL_X ..). */
+/* Return the index of the state that holds the bias of an IMU channel
+ * (i = ACCEL_X ..). */
 static inline int bias_at(int i) { return i == 0 ? BX : BY + i - 1; }
 
-/* Sensors: index of every array of TSE_SENSORS. The channels of the IMU come first. */
+/* Sensors: indices in every array of TSE_SENSORS elements. The IMU comes first. */
 enum {
   ACCEL_X,
   ACCEL_Y,

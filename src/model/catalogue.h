@@ -53,9 +53,9 @@ static inline tse_real steering_lag_input(
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
  * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low) and its slip angle
  * atan(-v_y/|v_x|). The slip angle of the rear wheel is atan((lr r - vy)/|vx|). The front
- * forces are turned by d. share = 0 is the plain model, 1 the exact one. In between the
- * results are interpolated, so that the derivative with respect to share exists at 0 for
- * tests of this effect. */
+ * forces are turned by d. share = 0 is the plain model, 1 the exact one. A share between
+ * 0 and 1 interpolates linearly between the two, because tests of this effect need the
+ * derivative with respect to share at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -75,7 +75,7 @@ static inline void exact_kinematics_slip(point *pt)
 }
 
 /* steering_compliance: the moment of the front lateral force turns the wheels back by
- * c n C alpha: c is angle / moment, n the trail and C the cornering stiffness. From
+ * c n C alpha. c is angle / moment, n the trail and C the cornering stiffness. From
  * alpha = alpha_0 - c n C alpha follows alpha = alpha_0/(1 + c n C). C is the
  * stiffness before the STIFFNESS effects, so that saturation does not reduce the moment.
  * A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5 degrees

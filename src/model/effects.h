@@ -55,7 +55,7 @@ typedef struct point {
   tse_real target[4]; /* inputs of the LAG states: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
   stiffness k;
-  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle; delta and 1 in the plain model */
+  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle; plain model: angle and 1 */
   tse_real fx_front, fx_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   tse_real fy_front, fy_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   accels force;                  /* specific force at the centre of gravity, and yaw acceleration */
@@ -73,9 +73,12 @@ typedef struct reading {
 /* Store the newest sample of a delay line. If the two newest samples are closer than 1/9
  * of the delay, the new sample replaces the newest one, so that TSE_DELAY_ROWS samples
  * always span the delay.
- *   Given:  dt        [s] time since the last call
- *           value     sample of each channel
- *           channels  number of channels */
+ *   Given:    delay     [s] delay that the stored samples must span
+ *             dt        [s] time since the last call
+ *             value     new sample of each channel
+ *             channels  number of channels
+ *   Updated:  d         ages of the stored samples
+ *             was       stored samples of each channel */
 static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay,
     tse_real dt, const tse_real *value, int channels)
 {
@@ -94,8 +97,8 @@ static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS
   for (int c = 0; c < channels; c++) was[c][0] = value[c];
 }
 
-/* Return the value `delay` seconds ago, by linear interpolation between samples, or the
- * oldest sample if that is newer. */
+/* Return the value `delay` seconds ago, interpolated linearly between the samples v. If
+ * no sample is as old as `delay`, return the oldest one. */
 static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
 {
   int i = 1;
@@ -116,8 +119,8 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(INPUT_ON), and the same for the other hooks (catalogue.h), calls every
- * active effect of the hook, in the order of the table. */
+/* EFFECTS_INPUT(INPUT_ON) calls every active effect of the hook INPUT, in the order of
+ * the table of effects. The macros of the other hooks do the same for their effects. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))
@@ -140,7 +143,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; lengths of micrometres exceed it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; relaxation lengths of um would exceed it */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
@@ -178,7 +181,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   EFFECTS_LAG(LAG_ON)
 }
 
-/* Hooks STIFFNESS and GRIP: compute the secant stiffness at these slips.
+/* Hooks STIFFNESS and GRIP: compute the secant stiffness at the slips pt->s.
  *   Updated:  pt->k */
 static inline void effects_stiffness(point *pt)
 {
@@ -200,8 +203,8 @@ static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real 
                           : TSE_R(1);
 }
 
-/* Replace the stiffness of each axle by the secant stiffness of its saturated force at
- * these slips.
+/* Replace the stiffness of each axle by its secant stiffness: saturated force / slip, at
+ * the slips pt->s.
  *   Updated:  pt->k */
 static inline void reduce_stiffness(point *pt)
 {
@@ -216,7 +219,7 @@ static inline void reduce_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
-/* Hook BODY: compute the forces, (1), with disturbances and effects.
+/* Hook BODY: compute the forces of equation (1) with disturbances and effects.
  *   Updated:  fx_front .. fy_rear, force, gravity_x, gravity_y of pt */
 static inline void effects_forces(point *pt)
 {
@@ -289,8 +292,8 @@ static inline void effects_at(
  *   Updated:  m, pt */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* Integrate (7) with effects over dt in equal steps, from the evaluated point `at`. The
- * inputs change linearly from those of `at` to `to`.
+/* Integrate equation (7) with effects over dt in equal steps, from the evaluated point
+ * `at`. The inputs change linearly from those of `at` to `to`.
  *   Updated:  m, at  at the end of dt, evaluated */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
     int32_t steps, point *at);

@@ -111,7 +111,7 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
   return formula_remembers(f, mode[0], mode[1], x);
 }
 
-/* Return x as it was `time` seconds ago, or the oldest sample if that is newer. */
+/* Return x as it was `time` seconds ago. If no sample is that old, return the oldest. */
 static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real late = formula_max(time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
@@ -129,7 +129,8 @@ static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
   return formula_remembers(f, y, TSE_R(0), TSE_R(0));
 }
 
-/* Return x after a play of `half` to either side. */
+/* Return x after a mechanical play of `half` to either side: the previous result if it is
+ * within x - half .. x + half, otherwise the nearer of these two limits. */
 static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
 {
   const tse_real wide = r_abs(half), was = f->pt->m->formula[f->used][0];
@@ -213,8 +214,9 @@ static inline tse_real formula_at(const point *pt)
   return r_mul(pt->p->effects.formula_gain, formula_clip(formula_program(&f)));
 }
 
-/* At hook SLIP, add the value of the formula to a slip angle, if that is its place. The
- * next functions do the same at the hooks STIFFNESS, BODY and SENSOR. */
+/* Hook SLIP: if the formula acts on a slip angle, add the value of the formula to this
+ * slip angle. The next functions do the same for the quantities of the hooks STIFFNESS,
+ * BODY and SENSOR. */
 static inline void formula_slip(point *pt)
 {
   const int place = formula_place_of(&pt->p->effects);
@@ -246,8 +248,8 @@ static inline void formula_sensor(const point *pt, tse_real y[3])
   if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(pt);
 }
 
-/* Update the memory after the step that ended at this point, or with rest = 1 set it
- * to steady state. */
+/* If rest is 0, update the memory after the step that ended at this point. If rest is 1,
+ * set the memory to steady state at this point. */
 static inline void formula_remember(tse_effect_memory *m, const point *pt, int rest)
 {
   formula_run f = { pt, m, rest, 0 };

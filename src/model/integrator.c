@@ -14,8 +14,8 @@ static tse_real compute_brake_torque(const wheels *w, int a, tse_real v)
   return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
 }
 
-/* Return the derivative of compute_brake_torque() with respect to v, which is 0 if the
- * brake has its full torque. If secant is 1, return torque / v, which is never 0. */
+/* If secant is 0, return the derivative of compute_brake_torque() with respect to v. This
+ * is 0 if the brake has its full torque. If secant is 1, return torque / v, never 0. */
 static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int secant)
 {
   if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
@@ -40,8 +40,9 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 /* Factors of the matrix 1 - g h J of ROS2 (vehicle.h). J has the stiff part of the
  * Jacobian: rows and columns of vx with both wheels, and the block (vy, r). A saturated
  * tyre enters by its secant stiffness, which overestimates its damping. The LAG states a,
- * a' = rate (alpha - a), are eliminated: their response to a change of alpha has the
- * factor b = gh rate/(1 + gh rate), by which the damping of the tyre is multiplied. */
+ * with a' = rate (alpha - a), are eliminated: if alpha changes, a changes by the share
+ * b = gh rate/(1 + gh rate) of this change. The damping of the tyre is therefore
+ * multiplied by b. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
@@ -180,7 +181,9 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
  * Then the implicit Euler method is used, with the inputs at the end of h. With the
  * secant of the brake all off-diagonal terms keep their sign, so that no brake torque
  * turns a wheel backwards.
- *   Updated:  dx; if a wheel may lock, at, with the inputs at the end of h */
+ *   Updated:   at  if a wheel may lock, evaluated with the inputs at the end of h;
+ *                  otherwise unchanged
+ *   Returned:  dx */
 static void compute_change(
     tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[STATE_SIZE])
 {
@@ -224,8 +227,8 @@ static void step(
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
-  /* the roll angle and the accelerations of the formula were extrapolated: evaluate the
-   * point again with those at its time */
+  /* b was evaluated with an extrapolated roll angle and, for the formula, extrapolated
+   * accelerations. Evaluate it again with the values at the time of b. */
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer) || formula_is_on(e)) effects_at(p, m, m->lag, k, &b);
   *at = b;
 }

@@ -18,7 +18,7 @@
 #include "tse/simulate.h"
 #endif
 
-#define TSE_DELAY_ROWS 12 /* max samples of a delay line; if the delay exceeds 9 rows, some are not stored */
+#define TSE_DELAY_ROWS 12 /* max samples of a delay line; beyond a delay of 9 rows, some rows are left out */
 
 /* Ages of the samples of a delay line, newest first. */
 typedef struct tse_delay {
@@ -31,7 +31,7 @@ typedef struct tse_effect_memory {
   int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
   tse_real lag[4];        /* after relaxation: slip angles front, rear [rad], slips front, rear [1] */
-  tse_real mode[3][2];    /* of body roll, pitch, roll steer: acceleration after the lag, and its rate */
+  tse_real mode[3][2];    /* lags of body roll, pitch, roll steer: lagged acceleration, and its rate */
   tse_real time, heading; /* [s] time since the start; [turns] change of heading since the start */
   int32_t steered;        /* 0: there has been no steering angle */
   tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
@@ -67,7 +67,8 @@ typedef struct tse_particles {
  *   TSE_STATES         states (src/model/car.h)
  *   TSE_SLOW           slow states, which are the last ones: gravity and random walks
  *   TSE_SUBSTEPS       max substeps of a row
- *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters (Schmidt)
+ *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters: uncertain, and not
+ *                      estimated (Schmidt-Kalman filter)
  *   TSE_CONSIDERED     consider parameters of this build
  *   TSE_VALUES         states, and in TSE_SMALL the constants that take the place
  *                      of states
@@ -139,7 +140,7 @@ typedef struct tse_car {
   tse_real lever_x, lever_y;       /* [m] position of the IMU */
   tse_real mount_cos, mount_sin;   /* [1] cosine and sine of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
-  tse_real free_front, free_rear;     /* [1] slip of each axle when it rolls freely, with opposite sign */
+  tse_real free_front, free_rear;     /* [1] -1 times the slip of each axle when it rolls freely */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 
@@ -178,10 +179,10 @@ struct tse_params {
   tse_real mean_var0;      /* [1] initial variance of the mean */
   tse_real spread_max_var; /* [1] square of spread_max */
   tse_real kernel;         /* [log2] sd of the factor of Lambda at resampling */
-  tse_real latency;        /* [s] a processed row is this much older than the newest row */
-  tse_real latency_span;   /* [s] its earliest channel is read this much further back; 0: no row waits */
+  tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
+  tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
-  tse_real latency_age[6]; /* [s] each channel is read this long before the newest row */
+  tse_real latency_age[6]; /* [s] time before the newest row at which each channel is read */
   tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
   tse_real learnt_walk;    /* [1/day] growth of this variance */
   /* limits of w = stiffness/nominal - 1: initial values are limited to w_min .. w_max. A
@@ -285,7 +286,7 @@ typedef struct tse_agreement {
    * square of accel_x, and of accel_x times the rate of the wheel speed */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; delay of yaw_rate behind steering */
-  tse_real lags;              /* [m2/s4] as `late`, for the delay of accel_y that side slip causes */
+  tse_real lags;              /* [m2/s4] as tse_timing.late, for the delay of accel_y due to side slip */
   tse_real complete_for;      /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
   int32_t apart;              /* bit i is 1 if the quantities of pair i disagree; next bits: LATE_ACCEL .. */
   int32_t off_scale;          /* 1: accelerometers and wheels disagree on the speed */
@@ -326,7 +327,7 @@ typedef struct tse_kalman {
   tse_real change_age;                     /* [s] time since the last change */
   tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
   tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
-  tse_along along, along_from;             /* its present value, and that before the last change */
+  tse_along along, along_from;             /* prior of ln(slip stiffness): now, and before the last change */
   tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
   tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
   tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among readings that follow a repeated one */
@@ -377,7 +378,7 @@ struct tse_filter {
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
-  tse_real seen;    /* [samples] form 1: number of samples used to learn, at most 5 memory; form 0: k.seen */
+  tse_real seen;    /* form 1: [samples] samples used to learn, at most 5 times `memory`; form 0: as k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* form 0 */
@@ -414,8 +415,8 @@ struct tse_sim {
 };
 #endif
 
-/* Compile-time checks that tse/state.h reserves the right sizes: if not, an array
- * has -1 elements. */
+/* Compile-time checks of the sizes that tse/state.h reserves. If a size is wrong, an
+ * array gets -1 elements, which is a compile error. */
 typedef char tse_params_has_its_size[sizeof(tse_params) == sizeof(tse_params_bytes) ? 1 : -1];
 typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_bytes) ? 1 : -1];
 typedef char tse_filter_paper_has_its_size

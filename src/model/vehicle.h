@@ -121,10 +121,10 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
  * step would diverge. */
 #define ROS2 TSE_R(0.29289321881345254)
 
-/* Limits of the motion. A particle that diverges, because a wheel speed jumps or its
- * stiffness is extreme, or that becomes NaN, stays finite. A magnitude below MIN_MOTION
- * is set to 0: over minutes of straight driving it would decay to denormal numbers, which
- * are slow and which some machines replace by 0. */
+/* Limits of the motion. They keep a particle finite if it becomes NaN, or if it diverges
+ * because a wheel speed jumps or its stiffness is extreme. A magnitude below MIN_MOTION
+ * is set to 0: over minutes of straight driving it would decay to denormal numbers. These
+ * are slow, and some machines replace them by 0. */
 #define MAX_SPEED TSE_R(200)    /* [m/s] */
 #define MAX_YAW_RATE TSE_R(20)  /* [rad/s] */
 #define MIN_MOTION TSE_R(1e-12) /* [m/s], [rad/s] */
@@ -139,11 +139,11 @@ static inline tse_real vehicle_limit(tse_real v, tse_real max)
 /* Return the number of integration steps of a row of dt seconds. It is the same
  * for all particles.
  *
- * A step is at most max_step. Its product with the fastest rate of the car, the damping
- * by the tyres, which is proportional to 1/speed, is at most 1/4: a single step at
- * walking pace would bias the longitudinal stiffness by 3 %. A speed below hold_speed
- * counts as hold_speed, because no stiffness is updated there. A step is at least an
- * eighth of max_step. */
+ * A step is at most max_step. The fastest rate of the car is that of the damping by the
+ * tyres, which is proportional to 1/speed. Step times this rate is at most 1/4: at
+ * walking pace, a row in a single step would bias the longitudinal stiffness by 3 %. A
+ * speed below hold_speed counts as hold_speed, because no stiffness is updated there. A
+ * step is at least an eighth of max_step. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(
