@@ -86,8 +86,9 @@ GLUE_CALL(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolea
 GLUE_CALL(fmi2CancelStep, (fmi2Component c),
     glue_refuse(s, function, "no step is pending, because steps are synchronous"))
 
-/* Refuse a status that does not exist: log the text and return fmi2Discard. Most kinds of
- * status describe a running step, but here a step is complete when fmi2DoStep returns. */
+/* Refuse a request for a kind of status that this FMU does not have: log the text and
+ * return fmi2Discard. Most kinds of status describe a step that is still running, but
+ * here a step is complete when fmi2DoStep returns. */
 static fmi2Status refuse_status(fmi2Component c, const char *text)
 {
   const instance *const s = glue_find_instance(c);

@@ -6,8 +6,8 @@
 
 const fmu_variable fmu_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
 
-/* Return 1 if the name of a variable, without the part up to the first dot, is that of a
- * setting. A dot in the name matches an underscore in the setting. */
+/* Return 1 if the part of a variable's name after the first dot is the name of a setting.
+ * A dot in this part matches an underscore in the name of the setting. */
 static int is_setting(const char *name, const char *setting)
 {
   const char *at = strchr(name, '.');

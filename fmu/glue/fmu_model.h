@@ -110,7 +110,7 @@ const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE]);
 void model_init(model *m);
 
 /* Record that the importer has set a parameter. The caller has already written the value
- * into m. A model that does not distinguish set and unset parameters does nothing here. */
+ * into m. Models that do not distinguish set and unset parameters do nothing here. */
 void model_note_set(model *m, const fmu_variable *v, double value);
 
 /* Check the parameters, set the state at time `start` [s], and compute all outputs from

@@ -16,7 +16,8 @@
 
 /* Number of rows that a filter stores while it waits for channels with a latency
  * (settings ..._latency). The latencies may differ by up to TSE_LATENCY_ROWS - 4 sample
- * times. A row takes 7 tse_real and a byte. 0: tse_prepare() refuses latencies. */
+ * times. A row takes 7 tse_real and a byte. If the number is 0, tse_prepare() refuses
+ * latencies. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32
 #endif

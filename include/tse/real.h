@@ -49,8 +49,8 @@ typedef int64_t tse_setting;
 #define TSE_FORMAT_NAME "fixed"
 #define TSE_NAME(name) name##_fix
 #define TSE_FRACTION_BITS 32 /* bits after the binary point */
-/* Convert a literal, rounded to nearest. For literals only: the compiler
- * computes the integer. */
+/* Convert a literal, rounded to nearest. Use it for literals only: the compiler then
+ * evaluates the expression, so that the program has no floating-point operation. */
 #define TSE_R(x) ((tse_real)((x) * (double)((int64_t)1 << TSE_FRACTION_BITS) + ((x) < 0 ? -0.5 : 0.5)))
 /* Round settings to single precision, so that the hash of the vehicle (tse/learnt.h) is
  * the same in every number format. */
@@ -65,8 +65,8 @@ typedef double tse_setting;
 #define TSE_R(x) ((tse_real)(x))
 #endif
 
-/* Type of the elements of long vectors (src/number/vector.h); in fixed point it has half
- * the size. */
+/* Type of the elements of long vectors (src/number/vector.h). In fixed point it has half
+ * the size of tse_real. */
 #if defined(TSE_REAL_FIXED)
 typedef int32_t tse_short;
 #else

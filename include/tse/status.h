@@ -3,8 +3,8 @@
  *
  *   negative  The call was refused. Nothing has changed, bit for bit.
  *   zero      The call has succeeded.
- *   positive  The call has succeeded, with a warning. Of several warnings it is the one
- *             with the largest code.
+ *   positive  The call has succeeded, with a warning. If there are several warnings, only
+ *             the one with the largest code is returned.
  *
  * Use a stiffness only if its reason is TSE_VALID. */
 #ifndef TSE_STATUS_H

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Test the lower bounds of the package versions in pyproject.toml. Install the lowest
-# versions that it allows into build/bounds. Run the tests of the API, of `tselab
-# estimate` and of the examples with them. Needs the program uv, and scripts/setup.sh
-# before. Takes a few minutes.
+# allowed versions into build/bounds. With these versions, run the tests of the API, of
+# `tselab estimate` and of the examples. Needs the program uv; run scripts/setup.sh before
+# it. Takes a few minutes.
 #
 #   scripts/dev/bounds.sh [PYTHON]       default: the Python of .venv
 set -euo pipefail

@@ -19,8 +19,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-# by hook: where the effect acts (column `entry`), signature of its function, and body of
-# its function, which does nothing yet
+# Key: hook. Value: where an effect of this hook acts (column `entry` of effects.toml),
+# signature of its function, and body of its function, which does nothing yet
 HOOKS = {
     "CONSTANT": (
         "parameters",
@@ -136,7 +136,9 @@ def check_asked(asked: argparse.Namespace, rows: str) -> None:
 
 
 def write_row(asked: argparse.Namespace, entry: str) -> str:
-    """Return the section of effects.toml for the effect."""
+    """Return the section of effects.toml for the effect.
+
+    `asked`: options of the script; `entry`: where the effect acts, from HOOKS."""
     small, large = asked.typical
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
     return f"""

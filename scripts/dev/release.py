@@ -66,7 +66,8 @@ class Release:
         Failed
             The exit code is not 0.
         """
-        # kept between releases: zig compiles the C library of each system for a minute
+        # kept between releases, because zig takes a minute to compile the C library of a
+        # system
         cache = str(ROOT / "build" / "zig-cache")
         env = {
             k: v
@@ -94,9 +95,10 @@ class Release:
         return done.stdout
 
     def pack_folder(self, name: str, folder: Path, top: str) -> None:
-        """Write the archive `name`, a .tar.gz of the files of a folder, below `top`.
+        """Write the files of a folder to the archive `name`, a .tar.gz.
 
-        The same files give the same bytes."""
+        In the archive, all files are in the folder `top`. The same files give the same
+        bytes."""
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar:
             for path in sorted(p for p in folder.rglob("*") if p.is_file()):
@@ -280,7 +282,7 @@ def make_release(
 
 
 def empty_folder(out: Path) -> None:
-    """Make an empty folder. Delete its files if they are a release.
+    """Make the folder `out`. If it exists and holds a release, delete the release.
 
     Raises
     ------
@@ -296,7 +298,7 @@ def empty_folder(out: Path) -> None:
 
 
 def find_differing(first: Path, second: Path) -> list[str]:
-    """Return the names of the files that differ, or are in one of two folders only."""
+    """Return the names of files that differ between two folders, or are in only one."""
     names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
     missing = {n for n in names if not ((first / n).is_file() and (second / n).is_file())}
     return sorted(missing | {n for n in names - missing if hash_file(first / n) != hash_file(second / n)})

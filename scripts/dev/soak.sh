@@ -4,8 +4,8 @@
 #   scripts/dev/soak.sh [ROWS]
 #       Run the default filter on drives with events (tests/fuzz/soak.c). Fail if an
 #       estimate is not finite, if tse_filter_check() refuses a state, if the filter
-#       recovers without a cause, or if, in drives without an event or with late rows, the
-#       mean error exceeds the interval. Default: 10,000,000 rows, two minutes on one
+#       recovers without a cause, or if the mean error exceeds the interval in drives
+#       without an event or with late rows. Default: 10,000,000 rows, two minutes on one
 #       core. Writes scripts/results/soak.md.
 #   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
 #       Run all filters on long random drives with random settings (tests/fuzz/drives.c),

@@ -175,7 +175,9 @@ def list_members(rows: dict[str, Row], real: str) -> list[str]:
 
 
 def format_field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
-    """Return the row of tse_describe() for the member `place` of struct `of`."""
+    """Return the row of tse_describe() for the member `place` of struct `of`.
+
+    `numbers`: default, low and high, as C source; `says`: meaning of the member."""
     return (
         f"{{ {quote(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {quote(unit)}, "
         f"{quote(says)} }},"
@@ -443,7 +445,7 @@ ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel"
 
 
 def format_output(name: str, r: Row) -> str:
-    """Return the row of an output in the macro OUTPUTS, which depends on its kind."""
+    """Return the row of an output in the macro OUTPUTS. Its form depends on the kind."""
     head, says = f"{name}, {r['member']}", quote(r["text"])
     of, _, index = r["member"].partition("[")
     if r["kind"] == "reason":

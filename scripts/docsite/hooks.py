@@ -41,7 +41,7 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Insert an empty line before each list, table and code block that has none.
 
-    The Markdown of MkDocs needs it, that of code hosting sites does not."""
+    MkDocs does not recognise them without this line. Code hosting sites do."""
     lines: list[str] = []
     inside = False
     for line in markdown.splitlines():

@@ -27,7 +27,7 @@ def make_slug(heading: str) -> str:
 def list_anchors(text: str) -> set[str]:
     """Return the anchors of a page: those of its headings, and ids in HTML.
 
-    Equal headings have anchors with a number at the end."""
+    If a heading occurs again, its anchor ends with a number."""
     prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):

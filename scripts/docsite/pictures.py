@@ -2,7 +2,7 @@
 
     .venv/bin/python -m docsite.pictures
 
-The curves are logs of the simulator, seed 1, and estimates of the filter, both of these
+The curves are simulated logs (seed 1) and estimates, both computed with the current
 sources. The sketch of the car is drawn by hand.
 """
 
@@ -120,7 +120,7 @@ def draw_change(c: Inks) -> Any:
 
 
 def draw_quiet(c: Inks) -> Any:
-    """Draw the estimates of a straight drive and of a drive with steering.
+    """Draw the estimates in two drives: a straight one, and one with steering.
 
     On the straight drive, no cornering stiffness is observable: its interval is wide."""
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
@@ -184,7 +184,7 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {
 
 
 def shrink_picture(path: Path) -> None:
-    """Reduce the colours of a PNG, then its size until it has MAX_PICTURE_BYTES.
+    """Reduce the colours of a PNG, then its width and height, to MAX_PICTURE_BYTES.
 
     The palette consists of the most frequent colours. A palette of mean colours would
     give a large pale area the colour of a line.

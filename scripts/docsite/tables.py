@@ -569,7 +569,10 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
 
 
 def make_measured_cars() -> str:
-    """Return a table of the errors on calibrated cars, with bounds for comparison."""
+    """Return a table of the errors on calibrated cars.
+
+    For comparison, it has the errors of constants and of the filter on cars that are not
+    calibrated."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",

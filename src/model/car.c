@@ -10,9 +10,9 @@
 /* Force of a tyre in one direction. */
 typedef struct tyre {
   tse_real f;            /* force */
-  tse_real by_slip;      /* its derivative with respect to slip, or slip angle */
-  tse_real by_stiffness; /* its derivative with respect to the logarithm of the stiffness */
-  tse_real by_mu;        /* its derivative with respect to the logarithm of the grip */
+  tse_real by_slip;      /* derivative of f with respect to slip, or slip angle */
+  tse_real by_stiffness; /* derivative of f with respect to ln(stiffness) */
+  tse_real by_mu;        /* derivative of f with respect to ln(grip) */
   tse_real secant;       /* force / slip */
   tse_real endless;      /* force that a linear tyre would have */
 } tyre;
@@ -129,7 +129,7 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   f->side = yf->f;
   f->endless_x = xf->endless + xr->endless;
   f->endless_y = yf->endless + yr->endless;
-  /* written as -(a - b), because gcc 12 would fuse it, see turn_axes() */
+  /* -(a - b) instead of b - a: gcc 12 would fuse the products, see turn_axes() */
   const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)),
                  ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
   f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);

@@ -2,9 +2,9 @@
  * the order of that table. The comment of an effect gives its equation and its typical
  * size. Its functions are named after its hooks.
  *
- * Only effects.h, which declares `point` and `reading`, includes this file. The effects
- * on settings (hook CONSTANT) are in effects_constant.h. delta is the steering angle, g
- * gravity, m the mass, I the yaw inertia. */
+ * Only effects.h includes this file, after it has declared `point` and `reading`. The
+ * effects on settings (hook CONSTANT) are in effects_constant.h. delta is the steering
+ * angle, g gravity, m the mass, I the yaw inertia. */
 
 /* steering_ratio: the wheels have the angle delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(

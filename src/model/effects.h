@@ -1,10 +1,10 @@
 /* model/effects.h - the plain model of vehicle.h with the effects of
- * src/tables/effects.toml, at one point of state and input.
+ * src/tables/effects.toml, evaluated for one state and its inputs (a `point`).
  *
- * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. The hook,
- * which the table of effects names, is the place of the call in this file. With all
- * effects off, every sum and product is that of vehicle.h, bit for bit. This file is
- * empty with TSE_NO_EFFECTS, apart from effect_is_on(). */
+ * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. A hook is
+ * a place in this file where such functions are called. The table of effects gives the
+ * hook of each effect. With all effects off, every sum and product is that of vehicle.h,
+ * bit for bit. With TSE_NO_EFFECTS, this file has nothing but effect_is_on(). */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -51,7 +51,7 @@ typedef struct point {
   given g;
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
-  slips s;            /* slips to which the tyre forces are proportional */
+  slips s;            /* slips and slip angles; a tyre force is stiffness times slip */
   tse_real target[4]; /* inputs of the LAG states: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
   stiffness k;

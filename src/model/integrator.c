@@ -54,7 +54,7 @@ typedef struct solver {
   int lags; /* 1: there are LAG states */
 } solver;
 
-/* Compute the factors of the LAG states. */
+/* Compute the members slow, b and force of the solver, which belong to the LAG states. */
 static void factor_lags(const point *pt, tse_real gh, solver *m)
 {
   const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };

@@ -1,7 +1,7 @@
-/* model/laws.h - the physical laws of the car, each of them once. The model of the
- * default filter (car.c) adds their partial derivatives. The effects of simulator,
- * replay and vehicle FMU (catalogue.h) use the same functions. Forces are divided
- * by the mass. */
+/* model/laws.h - the physical laws of the car. Each law is implemented only here. The
+ * model of the default filter (car.c) uses these functions and adds partial derivatives.
+ * The effects of simulator, replay and vehicle FMU (catalogue.h) use the same functions.
+ * Forces are divided by the mass. */
 #ifndef TSE_LAWS_H
 #define TSE_LAWS_H
 
@@ -10,8 +10,8 @@
 
 #define GRAVITY TSE_R(9.81)  /* [m/s2] */
 #define LOW_SPEED TSE_R(1.0) /* [m/s] min speed in the denominator of slip and slip angles. At lower speeds
-                              * the force of a tyre is proportional to its contact velocity, as that of a
-                              * damper (after Bernard & Clover, SAE 950311) */
+                              * the force of a tyre is proportional to its contact velocity, like the force
+                              * of a damper (after Bernard & Clover, SAE 950311) */
 #define MAX_PULL TSE_R(10)   /* [m/s2] max of the acceleration from which load transfer is computed; linear
                               * tyres could produce a larger one */
 #define MIN_SHARE_LEFT TSE_R(0.1) /* [1] min share of load or stiffness after load transfer */
@@ -129,7 +129,7 @@ static inline tse_real slip_angle(tse_real across, tse_real along)
  *   shape 1: (1 + q^2 + q^4)^(-1/4), which differs by at most 0.08 from magic-formula car
  *            tyres up to q = 1.2
  * A shape between 0 and 1 interpolates linearly. q times the ratio is the force divided
- * by (friction load). Its derivative with respect to q is 1 at q = 0, and it tends to 1.
+ * by (friction load). This product has the slope 1 at q = 0 and tends to 1 for large q.
  *   Returned:  *slope  q times the derivative of the result with respect to q */
 static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
 {

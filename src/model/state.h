@@ -50,9 +50,9 @@ typedef struct tse_effect_memory {
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-/* State of the particles, as arrays [component][particle]. gamma and nu of (16) and (17),
- * and the covariance of the biases, are the same for all particles. They are members of
- * tse_filter_paper. The resampler copies all members as one array. */
+/* State of the particles, as arrays [component][particle]. gamma and nu of equations (16)
+ * and (17), and the covariance of the biases, are the same for all particles. They are
+ * therefore members of tse_filter_paper. The resampler copies the struct as one array. */
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
   tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
@@ -96,8 +96,8 @@ typedef struct tse_particles {
 #define TSE_KEPT 11
 #define TSE_EVENTS 15
 #endif
-/* Sizes for measured velocities (src/filter/velocity.c). A build without them saves 1.9
- * kB of RAM in float, and refuses rows with a velocity.
+/* Sizes for measured velocities (src/filter/velocity.c). A build with TSE_NO_VELOCITY
+ * saves 1.9 kB of RAM in float, and refuses rows with a velocity.
  *   TSE_EXTRAS  states that follow the others and are in use once a velocity is measured
  *   TSE_PAST    rows of past motion that are stored for velocities with a latency */
 #if defined(TSE_NO_VELOCITY)
@@ -369,14 +369,13 @@ struct tse_filter {
   uint32_t step;   /* number of rows processed since tse_reset(); counter of the random numbers */
   int32_t started; /* 0: the next row initialises the motion */
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
-  tse_real held_for;               /* [s] time since the last steering angle, which is held meanwhile */
+  tse_real held_for;               /* [s] time since the last measured steering angle, now held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
-  int32_t lost;       /* 1: held_for or rolled_for was too long, and no row has had both signals since */
-  tse_real still_for; /* [s] time since the wheels stopped */
-  tse_real
-      off_for[2]; /* [s] remaining time in which the wheel speed of an axle counts as a signal of its own */
-  tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
-  tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
+  int32_t lost;        /* 1: held_for or rolled_for was too long, and no row has had both signals since */
+  tse_real still_for;  /* [s] time since the wheels stopped */
+  tse_real off_for[2]; /* [s] time for which each axle's wheel speed still counts as a separate signal */
+  tse_real ratio;      /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
+  tse_real gaps;       /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
   tse_real seen;    /* form 1: [samples] samples used to learn, at most 5 times `memory`; form 0: as k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */

@@ -23,9 +23,9 @@ typedef struct slips {
   tse_real inv_body;            /* [s/m] reciprocal of the denominator of the slip angles */
 } slips;
 
-/* Compute slips and slip angles, (3) and (4). With absolute values in the denominators
- * they are valid in reverse, too: the force of a tyre then opposes the velocity of its
- * contact. `low` is LOW_SPEED.
+/* Compute slips and slip angles, equations (3) and (4). With absolute values in the
+ * denominators they are valid in reverse, too: the force of a tyre then opposes the
+ * velocity of its contact. `low` is LOW_SPEED.
  *   s = (R omega - vx)/max(|vx|, |R omega|, low)
  *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
  *   alpha_r = (lr r - vy)/max(|vx|, low) */
@@ -66,8 +66,8 @@ typedef struct accels {
   tse_real x, y, yaw; /* [m/s2] [m/s2] [rad/s2] */
 } accels;
 
-/* Compute the accelerations, (1) and (2), with the approximations cos(delta) = 1 and
- * sin(delta) = delta. */
+/* Compute the accelerations, equations (1) and (2), with the approximations
+ * cos(delta) = 1 and sin(delta) = delta. */
 static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
 {
   accels a;
@@ -108,8 +108,8 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* Constant g of the integrator of (7) in the paper's filter, replay and simulator. The
- * integrator is the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom &
+/* Constant g of the method that integrates equation (7) in the paper's filter, replay and
+ * simulator: the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom &
  * Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456). For a step h from the state x and
  * the input u0 to the input u1:
  *   (1 - g h J) k1 = f(x, u0)
