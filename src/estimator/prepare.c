@@ -123,7 +123,8 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car, which is
                                        * enough for a slip of 10 % and a stiffness error of 30 % */
 #define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */
-#define MAX_BIAS_VAR TSE_R(16777216) /* [sigma^2] max initial variance of a bias, and max increase per second */
+/* [sigma^2] max initial variance of a bias, and its max increase per second */
+#define MAX_BIAS_VAR TSE_R(16777216)
 #define MAX_NOISE TSE_R(65536) /* [1] max of noise_max squared */
 
 /* Return whether the increment per row of a positive rate is rounded to 0, because it is

@@ -14,9 +14,9 @@
 #define TRACK_SHARE TSE_R(0.02)         /* [1] (sd of the front wheel speed)/(v sin^2(d)). v: speed of the
                                          * car, d: steering angle. The model has one front wheel, but the two
                                          * front wheels of a car steer by different angles (Ackermann) */
-#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii. If the error
-                                         * is larger, the longitudinal stiffness is not valid. If 3 prior sds
-                                         * of the ratio are more than 0.01, they are the limit instead */
+#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii. If the
+                                         * error is larger, the longitudinal stiffness is not valid. If 3
+                                         * prior sds of the ratio are more than 0.01, they are the limit */
 #define MAX_LOG_CHANGE TSE_R(3)         /* [1] max change of the logarithm of a stiffness: a factor of 20 */
 #define SLIP_EVENT_SD TSE_R(0.1)        /* [1] sd of the slip of wheels that begin to lock or spin */
 #define STEER_FAULT_SD TSE_R(0.05)      /* [rad] sd of the offset of a faulty steering angle */
@@ -111,8 +111,8 @@
                                          * each repeat is evidence of a frozen channel */
 #define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow
                                          * (low-passed) innovation */
-#define NEGLIGIBLE TSE_R(0.001)         /* [1] if consider parameters cause at most this share of the innovation
-                                         * variance S, the gain is not corrected for them */
+#define NEGLIGIBLE TSE_R(0.001)         /* [1] if consider parameters cause at most this share of the
+                                         * innovation variance S, the gain is not corrected for them */
 #define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min speed by which a lateral acceleration is divided to get
                                          * a yaw rate. Also the speed above which latencies are estimated */
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max of (force of a linear tyre / force of the tyre)^2. At this
@@ -195,9 +195,9 @@
 #define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation (time integral of the squared jerk) before a
                                          * latency is reported. It takes two minutes on a motorway, and five
                                          * seconds on a mountain road */
-#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation before a latency of accel_y is reported: two
-                                         * corners in a town. A single corner that is banked has the effect of a
-                                         * latency of 0.2 s */
+#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation before a latency of accel_y is reported:
+                                         * two corners in a town. A single corner that is banked has the
+                                         * effect of a latency of 0.2 s */
 #define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three times the sd of an estimated latency,
                                          * multiplied by the square root of its excitation. Measured on the
                                          * cars in tests/cars */

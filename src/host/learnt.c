@@ -8,7 +8,7 @@
 #define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min of the setting initial_spread */
 #define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays positive */
 #define DAY 86400u                        /* [s] */
-#define PLACES_KEPT 11                    /* number of means in a file: biases, stiffness, grip, steering, radius */
+#define PLACES_KEPT 11                    /* number of means: biases, stiffness, grip, steering, radius */
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384                      /* the number 1 in units of 2^-14 */
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */

@@ -54,7 +54,8 @@ static inline int64_t fixed_saturate(int64_t x)
 #if defined(TSE_FIXED_QUARTERS)
 #define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
 #if defined(__GNUC__)
-#define FIXED_APART __attribute__((noinline, unused)) /* not inlined, so that its callers need fewer registers */
+/* A function that is not inlined, so that its callers need fewer registers. */
+#define FIXED_APART __attribute__((noinline, unused))
 #endif
 
 /* Return the upper 32 bits of the product a b.

@@ -223,7 +223,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
     ]
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 20.0):
         result = workflow.run_workflow(logs, vehicle, jobs=2)
-    assert any("in the most informative" in n for n in result.notes)
+    assert any("uses the most informative" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
     assert named["id"] == "body_roll"
     gain = named["parameters"]["gain"]
