@@ -26,7 +26,7 @@ typedef struct unit {
   int has_base;        /* 1: it is a product of integer powers of SI base units; 0: it is not */
   int kg, m, s, rad;   /* exponents of the base units, if has_base is 1 */
   const char *display; /* unit in which importers show values; NULL: the unit itself */
-  double factor;       /* value in display units of 1 in this unit */
+  double factor;       /* value in the display unit = factor * value in this unit */
 } unit;
 
 #define DEG 57.295779513082323 /* degrees in a radian */

@@ -95,7 +95,9 @@ class Machine:
     link: tuple[str, ...] = ("-lm",)  # flags of the linker
     refused: bool = False  # True: the library must refuse to compile with these flags
     known: tuple[str, ...] = FLAGS  # flags in FLAGS that the compiler accepts
-    # number formats of the short run: it covers each byte order, word size and compiler
+    # number formats that the short run tests on this machine; empty: the short run leaves
+    # it out. Over all machines, the short run covers each byte order, word size and
+    # compiler.
     short: tuple[str, ...] = ()
 
     def find_missing(self) -> str:

@@ -65,8 +65,9 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     parameters
         Parameters of the FMU.
     settings
-        Settings of the car by name. The parameter effects.body_roll.gain has the value of
-        the setting body_roll_gain.
+        Settings of the car by name. The setting of a parameter has the name of the
+        parameter, without its first part and with _ in place of dots: the parameter
+        effects.body_roll.gain has the value of the setting body_roll_gain.
     name
         Name of the car.
     """

@@ -136,8 +136,8 @@ static int get_channel_group(int channel)
 
 static int is_axle_change(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
-/* Return whether a change of tyres shifts LCX: a change of the road does, a change of one
- * axle does if the axle is driven. */
+/* Return whether an event that changes stiffness shifts LCX, too. If the road changes, it
+ * does. If the tyres of one axle change, it does only if this axle is driven. */
 static int is_along(const tse_params *p, int32_t which)
 {
   return !is_axle_change(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
@@ -658,8 +658,8 @@ static int find_most_probable(const tse_kalman *k, int group)
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  /* a faulty steering angle stays in use: its offset is estimated until
-   * the fault is withdrawn */
+  /* A faulty steering angle stays in use, while its offset is estimated. So there is no
+   * comparison that could end this fault, and it ends after SETTLE_TIME. */
   if (k->fault == FAULT_STEER) k->agrees_for += dt;
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
   tse_real ratio[TSE_EVENTS];

@@ -169,10 +169,12 @@
 #define ROUGH_RELATED TSE_R(0.7)        /* [1] min squared correlation of a pair that is used for the rough
                                          * scale of the speed (compute_rough_scale()): noise and road slopes
                                          * are then less than a third of the variance */
-#define MAX_ROUGH_SCALE TSE_R(2.25)     /* [1] max squared rough scale of the speed, 1.5^2. A wheel diameter
-                                         * in place of a radius gives 2^2 */
-#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min squared rough scale of the speed, 0.55^2. Road slopes have
-                                         * the effect of a speed that is too small */
+#define MAX_ROUGH_SCALE TSE_R(2.25)     /* [1] max square of the roughly estimated scale of the speed, 1.5^2.
+                                         * A larger one is reported as implausible: a wheel diameter in
+                                         * place of a radius gives 2^2 */
+#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min square of the roughly estimated scale of the speed, 0.55^2.
+                                         * It is further from 1, because road slopes have the effect of a
+                                         * speed that is too small */
 #define SCALE_TIME TSE_R(300)           /* [s] averaging time of the scale of the speed: long enough for road
                                          * slopes and cambers to average out */
 #define SCALE_RELATED TSE_R(0.97)       /* [1] min squared correlation of a pair that is used for the scale

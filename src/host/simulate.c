@@ -32,8 +32,8 @@ enum {
 #define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque (`still` of
                                * `wheels` in model/effects.h) */
 /* Limits of the motion. A step that exceeds them is refused, before numbers overflow.
- * With torques within their range, a real car takes more than a minute to reach these
- * limits. */
+ * With torques within their range, a car of usual mass and inertia takes more than a
+ * minute to reach these limits. */
 #define LOST_SPEED TSE_R(1000)     /* [m/s] */
 #define LOST_YAW_RATE TSE_R(200)   /* [rad/s] */
 #define LOST_WHEEL TSE_R(1e7)      /* [rad/s] wheel speed; on ice the max torque accelerates the lightest

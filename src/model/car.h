@@ -238,7 +238,8 @@ void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[
 /* Compute the time derivatives of v_x, v_y and yaw rate at the state x.
  *   Given:     f              car_forces() at x
  *   Returned:  rate[3]        [m/s2] [m/s2] [rad/s2]
- *              by[3][PLACES]  partial derivatives of rate */
+ *              by[3][PLACES]  by[i][k]: partial derivative of rate[i] with respect to the
+ *                             state at place k */
 void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3],
     tse_real by[3][PLACES]);
 

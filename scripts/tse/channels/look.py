@@ -243,8 +243,8 @@ CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest meas
 # [1] A fine part is searched for if the step of a signal is at least this share of its
 # max value, or at least 0.5.
 COARSE_STEP = 0.02
-# [1] max of (roughness of coarse value + fine part) / (roughness of the coarse value).
-# Roughness is the mean abs. second difference.
+# [1] max ratio of two roughnesses: that of the sum (coarse value + fine part), and that
+# of the coarse value alone. The roughness is the mean absolute second difference.
 MAX_FILLED = 0.35
 
 # (message, number of entries) -> flags, each with its value for valid

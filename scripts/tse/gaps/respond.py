@@ -133,7 +133,9 @@ def _move_simulation(
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])
-    felt = 0.0 if place == ROAD_BANK else across  # accelerometers do not measure gravity along the road
+    # The component of gravity along a banked road moves the car sideways, but an
+    # accelerometer does not measure it.
+    felt = 0.0 if place == ROAD_BANK else across
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]

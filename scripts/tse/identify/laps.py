@@ -84,7 +84,10 @@ def _derive_path(track: object) -> Road | None:
 
 
 def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return the path with the bank and grade of a fit, z, and their sds, sd."""
+    """Return the path with bank and grade added.
+
+    `z` has the fitted values of all roads, `sd` the standard deviations of these
+    values."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
         mine = knots.get_slice(road, kind)

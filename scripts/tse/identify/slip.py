@@ -33,7 +33,7 @@ RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 # times of 10 .. 20 ms
 WHEEL_LATENCY_SD = 0.006
 # ratio of the radii of both axles, relative to the vehicle file. Wear and tyre pressure
-# change it. The unknown also compensates the bias of accel_x
+# change it. In the fit, this ratio also absorbs the bias of accel_x
 RADIUS_RATIO_SD = 0.01
 LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation time of the tyres
 DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit

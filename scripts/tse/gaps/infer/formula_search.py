@@ -103,7 +103,9 @@ class Frame:
     values: dict[str, float]  # the values of `last`
     length: dict[str, float]  # result of compute_correlation_lengths()
     at: list[dict[str, np.ndarray]]  # result of compute_signals()
-    full: float  # the gap without a formula: result of compute_excess()
+    # gap that remains without a formula, from compute_excess(); formulas are compared
+    # with it
+    full: float
 
     @classmethod
     def of(cls, problem: Problem, last: Fit) -> Frame:
