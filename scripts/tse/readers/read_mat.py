@@ -187,8 +187,8 @@ def _measure_unpacked(path: Path) -> int:
                 size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
             if size > MAX_VARIABLE_BYTES:
                 raise UserError(
-                    f"{path}: has a variable of {size / 2**30:.1f} GB. At most 1 GB is allowed in MAT version "
-                    "5, because its variables are read as a whole. Save the file with -v7.3"
+                    f"{path}: has a variable of {size / 2**30:.1f} GB. At most 1 GB is allowed in MAT "
+                    "version 5, because its variables are read as a whole. Save the file with -v7.3"
                 )
             total += size
             file.seek(after)
