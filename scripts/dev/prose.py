@@ -113,8 +113,15 @@ def wrap_prose(text: str) -> str:
 
 
 def find_pages() -> list[Path]:
-    """Return the Markdown files in git, except those that studies write."""
-    names = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    """Return the Markdown files in git, except those that studies write.
+
+    Without git, or outside a checkout, return an empty list and print why."""
+    command = ["git", "-c", "safe.directory=*", "ls-files", "*.md"]
+    try:
+        names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        print("prose: skipped: git is not installed, or this is not a checkout")
+        return []
     return [ROOT / n for n in names.stdout.split() if not n.startswith(LEFT_ALONE)]
 
 

@@ -41,6 +41,7 @@ def name(request: pytest.FixtureRequest) -> str:
 # ---- what they say
 
 
+@pytest.mark.slow
 def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_of_it(name: str) -> None:
     two, new = load_unit(name), load_fmi3(name)
     for old in two.description.modelVariables:

@@ -608,9 +608,7 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
     front, rear = (found.x[NAMES.index(f"wheel_radius_{axle}")] / RADIUS for axle in ("front", "rear"))
     assert rear / front - 1.0 == pytest.approx(off, abs=0.001)
     (words,) = describe_slip(problem, found)
-    assert (
-        f"rear one is {100 * abs(off):.0f}."[:-1] in words and ("smaller" if off < 0 else "larger") in words
-    )
+    assert f"{100 * abs(off):.1f} % {'smaller' if off < 0 else 'larger'}" in words
     assert found.x[5] == pytest.approx(right.x[5], abs=0.01)
 
 

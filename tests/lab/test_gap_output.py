@@ -244,7 +244,7 @@ def test_nothing_hidden_is_exit_0_and_nothing_of_an_earlier_run_is_left(tmp_path
     done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
-    assert "[effects" not in text and "could not show, even at" in done.out
+    assert "[effects" not in text and "even at their typical size" in done.out
     assert not [p.name for p in stale if p.exists()]
 
 

@@ -183,6 +183,7 @@ def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
         assert np.nanquantile(np.abs(rows.data[c].to_numpy()[at] - own[c]), 0.99) < size
 
 
+@pytest.mark.slow
 def test_a_drive_in_real_time_keeps_up(folder, tmp_path):
     live = make_live(folder, "real", tmp_path / "out")
     drive_live(live, Sender("real", sent(folder, 8.0), 1.0), 0.3)
@@ -321,6 +322,7 @@ def test_channels_that_contradict_each_other_are_said_and_teach_nothing(folder, 
     assert est.learnt is None and against and all(v.level == "none" for f in found for v in f.verdicts)
 
 
+@pytest.mark.slow
 def test_python_gives_each_row_and_goes_on_from_what_a_drive_taught(folder, trip):
     def drive_(channel, **more):
         bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)

@@ -312,6 +312,7 @@ def name_signals(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]
     }
 
 
+@pytest.mark.slow
 def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
     mph = {
         s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694
