@@ -83,12 +83,12 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If only
- * one of the two rows has the channel, and it is not the row that is nearer in time, the
- * result is missing. If it is the nearer row, search beyond the other row for the next
- * row that has the channel, and interpolate between the nearer row and this one. If there
- * is none within MAX_HOLE, take the value of the nearer row. A channel that is logged in
- * every second row is thus known in every second row.
+/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If
+ * the row that is nearer in time lacks the channel, the result is missing. If only the
+ * other row lacks it, search beyond that row for the next row that has the channel, and
+ * interpolate between it and the nearer row. If there is none within MAX_HOLE, take the
+ * value of the nearer row. A channel that is logged in every second row is thus known
+ * in every second row.
  *   Given:     share  weight of the newer row
  *   Returned:  as read_channel() */
 static int interpolate_rows(

@@ -1,5 +1,5 @@
-/* estimator/input.c - check a log row and convert it to a sample. A row that is refused
- * is refused here, before the filter changes. */
+/* estimator/input.c - check a log row and convert it to a sample. If a value of a row is
+ * not allowed, the row is refused here, before the filter changes. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 

@@ -31,8 +31,9 @@ static void read_latencies(const tse_config *c, tse_setting latency[TSE_CHANNELS
   latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
-/* [s] A processed row refers to the time `age` before the newest row. At that time the
- * reading of the earliest channel was logged `span` before the newest row. */
+/* [s] A processed row refers to the time `age` before the newest row. Among the values
+ * for that time, the value of the earliest channel (the one with the smallest latency)
+ * was logged first: `span` before the newest row. */
 typedef struct reading_time {
   tse_setting age, span;
   int earliest, latest;

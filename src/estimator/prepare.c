@@ -6,7 +6,7 @@
 #include "tables/constants.h"
 #include "tables/copies.h"
 
-#define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets none */
+#define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
 #define MIN_WHEEL_SD TSE_S(0.012) /* [m/s] min sd of the noise of a wheel speed */
 /* [m] Min relaxation length. With a shorter one the slip angle settles within
  * one substep at 10 m/s. */
@@ -313,7 +313,7 @@ static void prepare_imu(tse_params *p)
 }
 
 /* Compute times and limits of a row. For form 1 also compute the max and min integration
- * step, and the damping rate of the car from which each row computes its step. */
+ * step, and the damping rate of the car, from which the step is computed in each row. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
@@ -345,8 +345,8 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  /* Sigma = Lambda/(nu - d_w - 1) is the square of the spread, and gamma Sigma is the
-   * variance of the mean */
+  /* symbols of the paper: Sigma = Lambda/(nu - d_w - 1) is the square of the spread, and
+   * gamma Sigma is the variance of the mean; d_w = 3 is the number of stiffnesses */
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(compute_square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(compute_square(c->initial_mean_sd));

@@ -1,4 +1,4 @@
-/* estimator/settings.c - settings: defaults, values by vehicle class, checks. */
+/* estimator/settings.c - settings: defaults, values of the vehicle class, checks. */
 #include "estimator/settings.h"
 #include "tables/config_rows.h"
 

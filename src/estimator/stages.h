@@ -8,8 +8,8 @@
 
 #define MAX_DT TSE_R(TSE_LONGEST_DT) /* [s] max time between two rows */
 
-/* A checked row of the particle filter. Missing values are marked, wheel speeds are in
- * m/s. Functions only read it. */
+/* A checked row of the particle filter. Missing values are marked by `use`, `has_inputs`
+ * and `has_steer`. Wheel speeds are in m/s. */
 typedef struct sample {
   inputs u;           /* steering angle and wheel speeds, or their last values */
   tse_real dt;        /* [s] time since the previous row */
@@ -36,8 +36,8 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
 /* start.c: set the initial estimate of the particle filter from the settings. */
 void start_of_settings(const tse_params *p, tse_start *s);
 
-/* start.c: report the estimates of the particle filter before its first row. now
- * must be filled with 0. */
+/* start.c: report the estimates of the particle filter before its first row. `now` must
+ * be filled with 0 before the call. */
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
 /* paper/row.c: process a row with the particle filter. f must be the first member of a

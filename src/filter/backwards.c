@@ -3,9 +3,10 @@
  *
  * In reverse the yaw rate has the opposite sign of the steering angle, and accel_x is
  * negative while the speed increases. The log odds of reverse are computed from each of
- * these two facts, from standstill or the first row on. The car rolls backwards if the
- * sum of both log odds is large and neither of the two contradicts: a channel with a
- * wrong sign changes only one of them. */
+ * these two facts. They start at 0 at the first row and after each standstill. The car
+ * counts as rolling backwards if the sum of both log odds is large and each of them is
+ * above a lower limit (MIN_EACH_ODDS). The sum alone is not enough: a channel with a
+ * wrong sign makes one of them large. */
 #include "filter/filter.h"
 
 /* Return the natural log odds of y = -x against y = x.
@@ -15,8 +16,8 @@ static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the yaw rate and the steering angle,
- * which may have an offset.
+/* Update the log odds of reverse from the yaw rate and the steering angle. The variance
+ * allows for an offset of the steering angle.
  *   Given:  turn  [rad/s] measured yaw rate, less the gyro bias */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
@@ -28,9 +29,10 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the gain of speed and the integral of accel_x. The
- * variance allows for the grade of the road. The log odds with the largest magnitude so
- * far are kept, because errors of the integral grow with time. */
+/* Update the log odds of reverse from the gain of speed and the integral of
+ * accel_x. The variance allows for the grade of the road. Keep the log odds of the
+ * largest magnitude so far: later ones are less reliable, because the error of the
+ * integral grows with time. */
 static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);

@@ -9,13 +9,14 @@
  * reserved for its kind.
  *
  * Events form two groups. When the posterior probability of "no event" in a group falls
- * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if its
- * own probability is below BELIEVED: the state is shifted, and its covariance is
- * increased by the variances of the kind. A hypothesis that is discarded is merged into
- * the state with a weight that increases with its probability (compute_merge_weight()).
- * After a change the car may return to the previous road, for example at the end of a
- * patch of ice or water. The amplitude of this event is known, w = 1, and the stiffness
- * of the previous road is recalled. */
+ * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if
+ * its own probability is below BELIEVED: the state is shifted, and the variances of the
+ * kind (kind.own) are added to its covariance. A hypothesis that is discarded is merged
+ * into the state with a weight that increases with its probability
+ * (compute_merge_weight()). After a change the car may return to the previous road, for
+ * example at the end of a patch of ice or water. The amplitude of such a return is
+ * known: w = 1. If it is accepted, stiffness and grip are updated with their values on
+ * the previous road (recall_state()). */
 #include "filter/filter.h"
 
 /* A state that an event shifts, and the size of the shift at an amplitude of 1: `by` is
@@ -34,8 +35,9 @@ static tse_real get_sd(const opens *o)
   return sds[o->by];
 }
 
-/* Number of slots of EVENT_ROAD. They are the first slots. As many slots of the second
- * amplitude, EVENT_ROAD_AXLE_DIFF, follow. Each other kind has one slot. */
+/* Number of slots of EVENT_ROAD: slots 0 .. ROADS - 1. The next ROADS slots
+ * hold the second amplitudes of these events (EVENT_ROAD_AXLE_DIFF). Each other
+ * kind has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char
     roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
@@ -46,7 +48,7 @@ typedef char kinds_fill_the_slots[2 * ROADS + (EVENT_KINDS - EVENT_ROAD_RETURN) 
  * to have happened. */
 enum { LATERAL, LONGITUDINAL };
 
-/* kind.channel of a kind that is not a fault. */
+/* Value of kind.channel if the kind is not a fault of a channel. */
 enum { NO_CHANNEL = -1 };
 
 /* A kind of event. */
@@ -54,9 +56,9 @@ typedef struct kind {
   opens common[4];     /* states that the amplitude shifts */
   opens own[4];        /* states whose variance increases independently when the event is accepted */
   tse_real every;      /* [s] interval at which hypotheses are opened */
-  tse_real rate;       /* [1/s] prior rate */
-  tse_real least;      /* [1] min amplitude that needs a reaction */
-  int8_t group, slots; /* LATERAL or LONGITUDINAL; number of hypotheses that are open at a time */
+  tse_real rate;       /* [1/s] prior rate: expected number of such events per second */
+  tse_real least;      /* [1] min amplitude to which the filter reacts */
+  int8_t group, slots; /* LATERAL or LONGITUDINAL; max number of hypotheses open at a time */
   int8_t regime;       /* TSE_REGIME_* that starts with the event */
   int8_t change;       /* TSE_CHANGE_* of the tyres, or TSE_CHANGE_NONE */
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
@@ -144,19 +146,20 @@ static int is_along(const tse_params *p, int32_t which)
 }
 
 /* Return whether a measurement of a channel is evidence for a kind of event.
- *   Given:  along  as in scalar */
+ *   Given:  along  1: the car does not brake (scalar.along) */
 static int is_evidence_for(int32_t which, int channel, int32_t along)
 {
   const int32_t shown = get_channel_group(channel);
   return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
-/* Return whether a slot holds an event. It may also be free or
- * hold a second amplitude. */
+/* Return whether a slot holds an event, i.e. is neither free nor
+ * holds a second amplitude. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
-/* Compute information and score of the event in slot n. If the event has a second
- * amplitude, integrate over this amplitude. The prior of both amplitudes is N(0, 1).
+/* Compute the information and the score (event_posterior) of the event in slot n. If the
+ * event has a second amplitude, integrate over this amplitude. The prior of both
+ * amplitudes is N(0, 1).
  *   Returned:  all members but amplitude and var */
 static event_posterior integrate_second(const tse_kalman *k, int n)
 {
@@ -203,8 +206,8 @@ static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, 
 /* Number of events that are processed in one loop. */
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
-/* Compute for each event in a the shift y of the innovation, and update its
- * sensitivity v to v - K y.
+/* For each of the TOGETHER events in `a`, compute y, the shift of the innovation by an
+ * amplitude of 1, and change the sensitivity v to v - K y (K: Kalman gain).
  *   Given:    all  number of states, including the extra states in use
  *   Updated:  y    in: shift by the offset of a faulty sensor; out: shift in total */
 static void correct_together(
@@ -252,11 +255,11 @@ static int can_name_frozen(const tse_kalman *k, int32_t which)
 
 /* Return the log2 penalty of an event that increases a cornering stiffness. The nominal
  * stiffness is that of a road with good grip, so that a change to a different road
- * decreases the stiffness. A change of the road is penalised, according to the prior sd,
- * if it leads to more than the nominal stiffness. A change of an axle is penalised for
- * the whole increase, less the decrease at the last change. Without this penalty stiffer
- * rear tyres would be as likely as softer front tyres, which change the response to
- * steering in the same way. */
+ * decreases the stiffness. A change of the road is penalised for the excess of the new
+ * stiffness over the nominal stiffness, relative to the prior sd. A change of an axle is
+ * penalised for the whole increase, less the decrease at the last change of tyres.
+ * Without this second penalty stiffer rear tyres would be as likely as softer front
+ * tyres, because both change the response to steering in the same way. */
 static tse_real penalise_stiffer(
     const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
@@ -276,10 +279,12 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return log2 of the ratio of two likelihoods: that the event in slot n has happened, and
- * that no event has. If the event is a faulty sensor, the ratio is at least the evidence
- * that the sensor is frozen. For SETTLE_TIME after a change of tyres the ratio of a fault
- * is at most 0, because innovations are large until the new stiffness is found. */
+/* Return log2 of the ratio of two likelihoods: that the event in slot n has happened,
+ * and that no event has. If the event is a faulty sensor, the result is at least the
+ * evidence that the sensor is frozen (tse_kalman.frozen). For SETTLE_TIME after a change
+ * of tyres innovations are large until the new stiffness is found. Until then the ratio
+ * that follows from the innovations is at most 0, so that they do not make a fault more
+ * likely than no event. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -340,7 +345,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
   }
 }
 
-/* Return whether a state is not estimated: the grip, if its prior sd is 0. */
+/* Return whether a state is constant, i.e. not estimated. Only the grip can be: if its
+ * prior sd is 0. */
 static int is_constant(const tse_params *p, int32_t state)
 {
   return state == LMU && !(p->prior_sd[LMU] > TSE_R(0));
@@ -401,11 +407,12 @@ int can_return(const tse_kalman *k)
 
 /* Find a slot for the next event of a kind: a free slot, otherwise the slot of the oldest
  * event. If a kind has several slots, its most likely event keeps its slot for ROAD_TIME,
- * because on a drive with few bends one second holds little evidence. An event that is
- * not accepted by then is drift or model error. A change of an axle also keeps its slot
- * for ROAD_TIME while it is more likely than no event.
+ * because on a drive with few bends the evidence of one second is not enough for a
+ * decision. An event that is not accepted by then is taken for drift or model error. A
+ * change of an axle also keeps its slot for ROAD_TIME while it is more likely than no
+ * event.
  *   Given:     first  first slot of the kind
- *              due    [s] min age of the youngest event at which a new one is opened
+ *              due    [s] no event is opened while the youngest of the kind is younger
  *   Returned:  the slot; -1 if no event is to be opened now */
 static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
@@ -461,8 +468,8 @@ static void add_rank_one(
 }
 
 /* Add the independent variances of a kind (kind.own) to the covariance. For a change of
- * tyres also add (OWN_SHARE times the step of the stiffness)^2, the linearisation error
- * of earlier updates.
+ * tyres also add (OWN_SHARE times the step of the stiffness)^2: earlier updates were
+ * linearised at the old stiffness, and this is the variance of their error.
  *   Given:  was     stiffness and grip before the step
  *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
@@ -513,10 +520,10 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it into the state with this weight. For a change of tyres
- * LCX is not shifted: the mean of the slip stiffness changes only with accepted changes
- * of tyres. The variance that LCX gains is also added to the slip stiffness without
- * model error (tse_along). */
+/* Discard event n and merge it into the state with this weight. For a change of tyres LCX
+ * is not shifted: the mean of the slip stiffness changes only with accepted changes of
+ * tyres. The increase of the variance of LCX is also added to the variance of the slip
+ * stiffness without model error (tse_along). */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -526,9 +533,9 @@ static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real we
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind that is due. The event that was in its slot is
- * discarded. At most one event is merged per row, which bounds the computing time. The
- * slots are in the order of the kinds. */
+/* Open the next event of each kind that is due. If its slot holds an older event, discard
+ * that event. At most one discarded event is merged per row, which bounds the computing
+ * time. The slots are in the order of the kinds. */
 static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, has_merged = 0;
@@ -550,8 +557,8 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
 
 /* Store the accepted change for the output. Also store the stiffness before the change,
  * for a later EVENT_ROAD_RETURN. A change within SETTLE_TIME of the last one counts as
- * part of it, unless it is a return. A fault is withdrawn, because the change may have
- * looked like a fault. */
+ * part of it, unless it is a return. A fault that was accepted before is withdrawn,
+ * because its evidence may have come from this change. */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
@@ -642,7 +649,8 @@ static void accept_event(const tse_params *p, tse_kalman *k, int n)
 
 /* Return the slot of the most probable event of a group that needs a reaction, or -1. A
  * change of an axle is not accepted before its hypothesis has been open for SETTLE_TIME:
- * the tyres of one axle change slowly, and on a new road the front axle changes first. */
+ * the tyres of one axle change slowly, whereas a new road reaches the front axle first
+ * and then looks like a change of the front tyres. */
 static int find_most_probable(const tse_kalman *k, int group)
 {
   int best = -1;
@@ -658,8 +666,10 @@ static int find_most_probable(const tse_kalman *k, int group)
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  /* A faulty steering angle stays in use, while its offset is estimated. So there is no
-   * comparison that could end this fault, and it ends after SETTLE_TIME. */
+  /* A faulty steering angle stays in use, and its offset is estimated. Other
+   * channels at fault are not used but compared with the prediction, and their
+   * fault ends when they agree (watch_fault()). The fault of the steering angle
+   * ends after SETTLE_TIME instead. */
   if (k->fault == FAULT_STEER) k->agrees_for += dt;
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
   tse_real ratio[TSE_EVENTS];

@@ -1,11 +1,12 @@
-/* filter/faults.c - find channels that are frozen, and the time for which a faulty
- * channel has agreed with the prediction again. */
+/* filter/faults.c - find channels that are frozen, and measure the time for which a
+ * faulty channel has agreed with the prediction again. */
 #include "filter/filter.h"
 
 /* The evidence is -log2 of the probability that a working channel repeats its value so
  * often. Each repeated value adds -log2(probability of a repeat) min(nis, 1). A new value
- * resets the evidence to 0. The probability of a repeat is the share of repeats among all
- * values, or among values after a repeat, or `least`, whichever is largest. */
+ * resets the evidence to 0. The probability of a repeat is the largest of three numbers:
+ * the share of repeats among all values, their share among the values that follow a
+ * repeat, and `least`. */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int is_repeat = !(z < k->reading[c] || z > k->reading[c]);
@@ -27,8 +28,8 @@ int is_usable(const tse_kalman *k, int channel)
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
 
-/* The yaw rate contradicts the angle if its slow innovation in the previous row was
- * larger than usual. */
+/* The yaw rate contradicts the angle if the square of the slow (low-passed) innovation of
+ * the yaw rate in the previous row exceeds TAIL times its usual value. */
 int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], MIN_SLOW_VAR));
@@ -42,7 +43,7 @@ int watch_steering(tse_kalman *k, decoded *z)
 }
 
 /* The channel agrees with the prediction if e^2 < TAIL S and it is not frozen. The
- * variance S used here does not include the consider parameters. */
+ * variance S of the innovation is here without the part due to consider parameters. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];

@@ -19,8 +19,8 @@
 /* ------------------------------------------------------------------------------ types */
 
 /* Axle that rolls freely: no torque acts on it, so that its wheels measure the speed of
- * the car. ROLLS_UNKNOWN: it is not known whether an axle does. ROLLS_NONE: none does,
- * because the car brakes or both axles are driven. */
+ * the car. ROLLS_UNKNOWN: it is not known whether an axle rolls freely. ROLLS_NONE: no
+ * axle rolls freely, because the car brakes or both axles are driven. */
 enum { ROLLS_UNKNOWN, ROLLS_NONE, ROLLS_FRONT, ROLLS_REAR };
 
 /* A checked log row. Arrays of TSE_SENSORS elements are in the order ACCEL_X, ACCEL_Y,
@@ -35,7 +35,7 @@ typedef struct decoded {
   int32_t used;             /* number of IMU channels used */
   int32_t equal;            /* 1: both wheel speeds are equal */
   int32_t same;             /* 1: both wheel speeds are equal, or have the same ratio as before */
-  int32_t off[2];           /* 1: the wheel speed of this axle is new, and no copy of the other axle's */
+  int32_t off[2];           /* 1: the wheel speed of this axle is new, and not a copy of the other one */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
   int32_t no_second;        /* 1: only one speed is measured. Slip is computed from the force */
   tse_real optional[TSE_OPTIONALS]; /* optional channels; 0 if not given */
@@ -61,7 +61,7 @@ enum {
 };
 
 /* Number of the channel at fault, as in tse_output.fault_channel: 1 + TSE_CHANNEL_* for a
- * channel of the log, FAULT_VELOCITY or more for a measured velocity. */
+ * channel of the log, FAULT_VELOCITY + index for a measured velocity. */
 enum { NO_FAULT, FAULT_STEER = 1 + TSE_CHANNEL_steer_angle, FAULT_VELOCITY = 1 + TSE_CHANNELS };
 
 /* Index of the steering angle in arrays of TSE_SENSORS + 1 elements, such as
@@ -69,13 +69,13 @@ enum { NO_FAULT, FAULT_STEER = 1 + TSE_CHANNEL_steer_angle, FAULT_VELOCITY = 1 +
 enum { STEERING = TSE_SENSORS };
 
 /* Values of the argument `channel` of use_scalar() for a measurement that is not made by
- * one of the TSE_SENSORS. The first one is for measurements that depend on the
- * longitudinal motion, the second one for those that depend on the lateral motion. */
+ * one of the TSE_SENSORS. NO_SENSOR_LONGITUDINAL: the measurement depends on the
+ * longitudinal motion. NO_SENSOR_LATERAL: it depends on the lateral motion. */
 enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
 /* A scalar measurement with its prediction. */
 typedef struct scalar {
-  int32_t along;                     /* 1: the car drives: longitudinal channels may reveal tyre changes */
+  int32_t along;                     /* 1: no braking: longitudinal channels can show tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */
@@ -142,7 +142,8 @@ extern const tse_real state_max[TSE_VALUES + TSE_EXTRAS];
 /* Return e^x. */
 tse_real compute_exponential(tse_real x);
 
-/* Return exp(-dt/time): the share of its value that a decaying state keeps after dt. */
+/* Return exp(-dt/time): the factor by which a state with the time constant
+ * `time` decays during dt. */
 tse_real compute_decay(tse_real dt, tse_real time);
 
 /* ------------------------------------------------------------------------------ row.c */
@@ -161,9 +162,9 @@ int is_frozen(const tse_kalman *k, int channel);
 int is_usable(const tse_kalman *k, int channel);
 
 /* Update the evidence that channel c is frozen. z is the new reading of the channel.
- *   Given:    nis    ratio of the squared innovation to the noise variance (not to S). If
- *                    it is small, a repeated value agrees with the prediction and is only
- *                    weak evidence
+ *   Given:    nis    ratio of the squared innovation to the noise variance (not to the
+ *                    variance of the innovation). If the ratio is small, a repeated value
+ *                    agrees with the prediction and is only weak evidence
  *             least  min probability that a working channel repeats its value */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt);
 
@@ -251,9 +252,10 @@ STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
  * (errors in variables). */
 void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
-/* Set gravity along and across the road (GX, GY) to the grade and bank that the row
- * gives. If the log begins or ceases to give one of them, reset the variance of that
- * gravity. Call it before predict_row() or predict_slow_states(). */
+/* Set the means of gravity along and across the road (GX, GY) according to the grade and
+ * bank that the row gives, and shift these two states with their means. If the log begins
+ * or ceases to give grade or bank, set the state to its mean and reset its variance. Call
+ * it before predict_row() or predict_slow_states(). */
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row.
@@ -275,8 +277,8 @@ int event_is_small(const tse_kalman *k, int n);
 /* Return the regime TSE_REGIME_* that starts with a kind of event. */
 int32_t event_regime(int32_t which);
 
-/* Return whether a kind of event changes the tyre forces: of all
- * tyres, or of one axle. */
+/* Return whether a kind of event changes the stiffness: of all tyres (a different road),
+ * or of the tyres of one axle. */
 int is_tyre_change(int32_t which);
 
 /* Return the number of the channel that a kind of event makes faulty, or NO_FAULT. */
@@ -290,7 +292,7 @@ int can_return(const tse_kalman *k);
 
 /* Update all events with a measurement.
  *   Given:  channel  ACCEL_X ..., or NO_SENSOR_*
- *           along    as in scalar
+ *           along    1: the car does not brake (scalar.along)
  *           h, gain  partial derivatives and Kalman gain: of STATES states, then of the
  *                    extra states in use
  *           e, s     innovation and its variance

@@ -14,9 +14,10 @@
 #define TRACK_SHARE TSE_R(0.02)         /* [1] (sd of the front wheel speed)/(v sin^2(d)). v: speed of the
                                          * car, d: steering angle. The model has one front wheel, but the two
                                          * front wheels of a car steer by different angles (Ackermann) */
-#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii. If the
-                                         * error is larger, the longitudinal stiffness is not valid. If 3
-                                         * prior sds of the ratio are more than 0.01, they are the limit */
+#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max estimated error of the ratio of the wheel radii. If
+                                         * the error is larger, the longitudinal stiffness is not
+                                         * valid. If 3 prior sds of the ratio are more than 0.01, the
+                                         * limit is 3 prior sds */
 #define MAX_LOG_CHANGE TSE_R(3)         /* [1] max change of the logarithm of a stiffness: a factor of 20 */
 #define SLIP_EVENT_SD TSE_R(0.1)        /* [1] sd of the slip of wheels that begin to lock or spin */
 #define STEER_FAULT_SD TSE_R(0.05)      /* [rad] sd of the offset of a faulty steering angle */
@@ -30,8 +31,9 @@
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip that is
                                          * computed from accel_x */
 #define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a course grows as 1/speed */
-#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of the rear axle. The sd of the model
-                                         * discrepancy of the lateral speed is proportional to this speed */
+#define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] the sd of the model discrepancy of the lateral speed is
+                                         * proportional to the sideways speed of the rear axle, which
+                                         * counts as at least this speed */
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] speed below which a car may change into or out of reverse */
 #define REVERSE_SD TSE_R(1)             /* [m/s] test whether the car is in reverse: sd of the difference
                                          * between the gain of speed and the integral of accel_x. Also
@@ -105,8 +107,9 @@
                                          * copies of one signal */
 #define MAX_SPEED_RATIO TSE_R(2)        /* [1] max ratio of front to rear wheel speed if both are
                                          * copies of one signal */
-#define SAME_RATIO TSE_R(2e-4)          /* [1] max relative change of the ratio of front to rear wheel speed
-                                         * if both are copies of one signal, rounded to 0.01 */
+#define SAME_RATIO TSE_R(2e-4)          /* [1] max relative change of the ratio of front to rear wheel
+                                         * speed if both are copies of one signal. Rounding of the logged
+                                         * speeds to 0.01 causes it */
 #define MAX_REPEATS TSE_R(0.999)        /* [1] max probability of a repeated value. It is below 1, so that
                                          * each repeat is evidence of a frozen channel */
 #define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow
@@ -136,8 +139,8 @@
 #define SMOOTH_TIME TSE_R(0.25)         /* [s] time constant of the low passes: they remove noise and
                                          * vibration, and keep manoeuvres */
 #define MAX_SMOOTH_DT TSE_R(0.35)       /* [s] max time between rows with a wheel speed. After a longer one
-                                         * the low passes restart. In a 10 Hz log with wheel speeds in every
-                                         * third row they are 0.3 s apart */
+                                         * the low passes restart. The limit allows for a log of 10 Hz with
+                                         * wheel speeds in every third row, at intervals of 0.3 s */
 #define MAX_LATERAL TSE_R(200)          /* [m/s2] max magnitude of speed times yaw rate. A yaw rate that is
                                          * in degrees per second by mistake reaches it. Its square fits
                                          * every number format */
@@ -147,9 +150,9 @@
                                          * ratio of the quantities by a factor of less than 2.5 */
 #define UNRELATED TSE_R(0.1)            /* [1] squared correlation below which the quantities of a pair
                                          * disagree. Noise alone does not make it so small */
-#define AGAINST TSE_R(0.2)              /* [1] min squared correlation of a pair that disagrees because its
-                                         * covariance has the wrong sign. It is for pairs whose signal is
-                                         * small compared with their noise */
+#define AGAINST TSE_R(0.2)              /* [1] if the covariance of a pair has the wrong sign, the pair
+                                         * disagrees only above this squared correlation. Used for IN_BENDS
+                                         * and BY_DRIVE, whose signal is small compared with their noise */
 #define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car is assumed to drive. Below it
                                          * the car may brake */
 #define SLIPPING TSE_R(0.03)            /* [1] max relative speed difference of the axles. Beyond it wheels
@@ -172,9 +175,10 @@
 #define MAX_ROUGH_SCALE TSE_R(2.25)     /* [1] max square of the roughly estimated scale of the speed, 1.5^2.
                                          * A larger one is reported as implausible: a wheel diameter in
                                          * place of a radius gives 2^2 */
-#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min square of the roughly estimated scale of the speed, 0.55^2.
-                                         * It is further from 1, because road slopes have the effect of a
-                                         * speed that is too small */
+#define MIN_ROUGH_SCALE TSE_R(0.3)      /* [1] min square of the roughly estimated scale of the speed,
+                                         * 0.55^2. It differs from 1 by a larger factor than
+                                         * MAX_ROUGH_SCALE, because road slopes have the effect of a speed
+                                         * that is too small */
 #define SCALE_TIME TSE_R(300)           /* [s] averaging time of the scale of the speed: long enough for road
                                          * slopes and cambers to average out */
 #define SCALE_RELATED TSE_R(0.97)       /* [1] min squared correlation of a pair that is used for the scale
@@ -191,9 +195,10 @@
 #define COMPLETE_TIME TSE_R(1)          /* [s] time for which accel_y, yaw rate and steering angle must be
                                          * present before latencies are estimated: 4 SMOOTH_TIME, in which
                                          * their low passes settle */
-#define LATE_TIME TSE_R(15)             /* [s] min averaging time of the pairs ACROSS and TURNING_BY before a
-                                         * latency is reported. Because old samples are forgotten, it takes
-                                         * 28 s of driving to reach it. These contain several bends */
+#define LATE_TIME TSE_R(15)             /* [s] min averaging time of the pairs ACROSS and
+                                         * TURNING_BY before a latency is reported. It is reached
+                                         * after 28 s of driving, because old samples are
+                                         * forgotten. Such a drive has several bends */
 #define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation (time integral of the squared jerk) before a
                                          * latency is reported. It takes two minutes on a motorway, and five
                                          * seconds on a mountain road */
@@ -211,17 +216,17 @@
 #define SOFTER TSE_R(0.4)               /* [1] max plausible excess of the nominal over the true rear
                                          * cornering stiffness, relative to the true one. Nominal values of a
                                          * vehicle class and wet roads cause it */
-#define LEVER TSE_R(0.7)                /* [m] max plausible distance of the IMU behind the centre of gravity
-                                         * that is not in the settings */
+#define LEVER TSE_R(0.7)                /* [m] max plausible distance by which the IMU is further behind
+                                         * the centre of gravity than the settings say */
 #define STEER_LATE TSE_R(0.05)          /* [s] max plausible time by which the yaw rate leads the steering
                                          * angle. In real cars the yaw rate follows it by 0 .. 130 ms */
 #define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind accel_y, due to
                                          * the bus, stiff tyres, and an IMU ahead of the centre of gravity */
 #define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max plausible sum of two latencies of the yaw rate: behind
                                          * accel_y, and behind the steering angle. Cars reach 0.24 s */
-#define ROAD_HALVINGS 12                /* [1] number of halvings of the correlations of gravity with other
-                                         * states. They are halved so often in the row in which the log
-                                         * begins or ceases to give grade or bank */
+#define ROAD_HALVINGS 12                /* [1] in the row in which the log begins or ceases to give grade
+                                         * or bank, the correlations of gravity with other states are
+                                         * halved this many times, and are then negligible */
 #define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L, L: wheelbase, K: understeer gradient, v:
                                          * speed. An oversteering car (K < 0) reaches it at a high speed */
 

@@ -199,9 +199,10 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether the slow (low-passed) innovation of a channel is larger than usual, or
- * its usual size is larger than that of a model that fits. TSE_SMALL needs this test,
- * because its events do not find faulty channels. */
+/* Return whether the model does not fit a channel: the square of the slow
+ * (low-passed) innovation exceeds TAIL times its usual value, or the usual value
+ * (tse_kalman.usual) exceeds TAIL. TSE_SMALL needs this test, because its events do
+ * not find faulty channels. */
 static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
@@ -274,7 +275,8 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
 /* Kinds of uncertainty: the mass, the model error, a consider parameter, a state. */
 enum { OF_MASS, OF_MODEL, OF_CONSIDER, OF_STATE };
 
-/* Kind of an uncertainty, and the index of its consider parameter or state. */
+/* Kind of an uncertainty, and the index of the consider parameter or state that is
+ * uncertain; 0 for other kinds. */
 typedef struct origin {
   int32_t of, at;
 } origin;

@@ -55,9 +55,10 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
  * quantities times averaging time. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
- * large enough for a decision. While a pair disagrees, its variance counts as if it were
- * estimated over USUAL_TIME, as for the other pairs.
+/* Return whether the excitation of a pair, i.e. its variance times its averaging time,
+ * is large enough for a decision. While a pair disagrees, its averaging time is
+ * shorter (ROAD_TIME). It then counts as USUAL_TIME here, so that the limit of the
+ * variance stays the same.
  *   Given:  first  variance of the first quantity, from compute_explainable()
  *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
@@ -125,9 +126,10 @@ static tse_real compute_factor(const tse_pair *q)
 
 /* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
  * driving: the square of the first quantity of a pair, and the product of both
- * quantities. A pair that disagrees does not contribute. Effects that lead the first
- * quantity by a quarter of a period have a mean product of 0 with it: slip in the speed,
- * and the rate of the lateral speed in a fast sweep. */
+ * quantities. A pair that disagrees does not contribute. Slip changes the speed, and in a
+ * fast sweep the rate of the lateral speed changes accel_y. Both effects lead the first
+ * quantity of the pair by a quarter of a period. Their mean product with it is 0, so that
+ * they do not bias the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -171,8 +173,8 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update the regression for a latency with a row. If y = g x - T x', i.e. y
- * is x with a factor g and a latency T, then the sum of (x y' - y x')/2 is T times
+/* Update the regression for a latency with a row. Let y = g x - T x', i.e. y is x with a
+ * factor g and a latency T (x', y': rates). Then the sum of (x y' - y x')/2 is T times
  * the sum of x'^2, whatever g is.
  *   Given:  x, y   values in the previous row and in this row
  *           slope  rate of x [per second]
@@ -199,7 +201,8 @@ static tse_real compute_softening(const tse_kalman *k)
  * steering angle. All quantities are in m/s2: yaw rates are multiplied by the speed v. At
  * the centre of gravity, with nominal rear tyres,
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
- * where r is the yaw rate, L the wheelbase and C_r the rear cornering stiffness.
+ * where r is the yaw rate, l_f and l_r the distances of the axles from the centre of
+ * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass.
  *   Given:  was  low-passed values of the previous row */
 static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {

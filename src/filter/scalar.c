@@ -6,8 +6,10 @@
  * measurement with respect to the state, r the noise variance of the measurement,
  * A = U D U' the covariance that the state would have if the parameters were known, and V
  * the matrix of sensitivities of the state to the parameters:
- *   y = V' h + partial derivatives with respect to the parameters, per sd
- *                                                shift of the innovation
+ *   y = V' h + d                                 shift of the innovation per sd of each
+ *                                                parameter; d: partial derivatives of the
+ *                                                measurement with respect to parameters,
+ *                                                per sd
  *   S = h' A h + y' y + r                        variance of the innovation
  *   K = (A h + V y)/S                            gain
  *   A: update with its own optimal gain K0 = A h/(h' A h + r), then add
@@ -66,7 +68,7 @@ static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], cons
 
 /* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and update
  * the covariance accordingly.
- *   Given:    y, S   as above
+ *   Given:    y, S   as at the top of this file
  *             S0     h' A h + r
  *             dgain  work space
  *   Updated:  gain   in: K0, out: K */

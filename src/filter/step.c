@@ -44,9 +44,9 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
       : r_abs(f->k.x[VX]);
 }
 
-/* Store the wheel speeds for the next row, and update the evidence whether they are
- * copies of one signal. While two columns agree, or one of them is missing, the evidence
- * of two signals expires within USUAL_TIME. */
+/* Store the wheel speeds for the next row, and update the evidence on whether they are
+ * copies of one signal or two signals. While the two columns agree, or one of them is
+ * missing, the evidence of two signals expires within USUAL_TIME. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -164,10 +164,10 @@ static tse_status find_status(
   return status;
 }
 
-/* Process a row to which the motion is not predicted. Predict only the slow states,
- * initialise the motion from wheels and gyro unless it is lost, and update the gyro bias
- * at standstill. Until the filter has started, each row initialises the motion and
- * nothing is predicted. */
+/* Process a row without a prediction of the motion. Predict only the slow states,
+ * initialise the motion from wheels and gyro unless it is lost, and update the gyro
+ * bias at standstill. Until the filter has started, each row initialises the motion
+ * and nothing is predicted. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;

@@ -177,8 +177,8 @@ typedef struct sums {
 } sums;
 
 /* Multiply M by U.
- *   Updated:   p  columns of U after those of the motion
- *   Returned:  s  columns of the motion */
+ *   Updated:   p  columns of U after those of the motion: columns of the product
+ *   Returned:  s  columns of the product that belong to the motion */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {

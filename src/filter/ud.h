@@ -8,9 +8,9 @@
  *
  * Extra states are those of the measured velocities. No other state depends on them. In U
  * they therefore come before the other states: each extra state adds a row above the rows
- * of the other states (W, p->w), and does not change the elements of these rows. In
- * vectors (a, h, f, v, gain), however, the extra states come after the other states.
- * While p->extras is 0, their elements are not read. */
+ * of the other states (W, p->w), and does not change the elements of the rows of the
+ * other states. In vectors (a, h, f, v, gain), however, the extra states come after the
+ * other states. While p->extras is 0, their elements are not read. */
 #ifndef TSE_UD_H
 #define TSE_UD_H
 
@@ -49,7 +49,7 @@ tse_real ud_covariance(const tse_ud *p, int i, int k);
 
 /* Add c a a' to the covariance.
  *   Given:   a     STATES elements, then one of each extra state in use
- *            last  last of the STATES elements that is not 0; -1 if all are 0
+ *            last  index of the last nonzero one of the STATES elements; -1 if all are 0
  *   O(last^2) time */
 void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c);
 

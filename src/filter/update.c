@@ -3,8 +3,9 @@
 #include "filter/filter.h"
 
 /* Add the sum of the corrections of this row to x, within its bounds. For each stiffness,
- * collect (OWN_SHARE times the correction)^2, the linearisation error of earlier updates.
- * predict_slow_states() adds it to the variance. */
+ * collect (OWN_SHARE times the correction)^2: earlier updates were linearised at the old
+ * stiffness, and this is the variance of their error. predict_slow_states() adds it to
+ * the variance of the stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -34,7 +35,7 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
 /* Compute the partial derivatives of the sensor readings with respect to the consider
  * parameters of the sensors (latencies and scales), per sd of the parameter. Those for
  * latencies follow from the rates of forces and speed.
- *   Updated:   k->before */
+ *   Updated:   k->before  forces and speed of this row */
 static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
     tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
 {
@@ -53,11 +54,11 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
   k->before[2] = k->x[VX];
 }
 
-/* Return whether the car brakes, according to the force at the estimated slip, or
- * to accel_x if accel_x contradicts that force. The estimated slip oscillates
- * with the rotation of the wheels. Without accel_x, rows would count as driving
- * mostly in those halves of a rotation in which the estimated slip is too large.
- * This would bias the slip. */
+/* Return whether the car brakes, according to the force at the estimated slip, or to
+ * accel_x if accel_x contradicts that force. The estimated slip oscillates with the
+ * rotation of the wheels. Without accel_x, the car would count as driving mostly in those
+ * halves of a rotation in which the estimated slip is too large. Updates in these halves
+ * alone (use_free_rolling()) would bias the slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -162,8 +163,8 @@ static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k
       k->activity[channel]);
 }
 
-/* Return the variance [m2/s2] of a predicted wheel speed that is due to the error of the
- * slip, if the slip is computed from the force. */
+/* Return the part of the variance of a predicted wheel speed [m2/s2] that the error of
+ * the slip causes. It is needed if the slip is computed from the force. */
 static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int channel)
 {
   const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
@@ -173,8 +174,8 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
  * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
  * (of the rear axle if the driven axle is unknown). The difference of both wheel speeds
- * contains errors of radius and slip, which are not white. With both speeds in use it
- * would look like a yaw rate. */
+ * contains errors of radius and slip, which are not white. If both speeds were used, the
+ * filter would take their difference for a yaw rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;

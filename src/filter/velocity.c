@@ -10,8 +10,8 @@
  * The extra states are: heading, model discrepancy of the lateral speed, scale error,
  * mounting angle of the INS (turn), latency (late), and longitudinal and lateral position
  * of the sensor (lever). No other state depends on them, so that they come before the
- * others in U D U' (ud.h). Their use starts with the first velocity. Before, they cost no
- * time and do not change a bit of the results.
+ * others in U D U' (ud.h). Their use starts with the first velocity. Before it they cost
+ * no time and do not change the results at all.
  *
  * The motion at the time of the measurement is the present motion less its change since
  * then (`past`). The partial derivatives for that time are those for the present motion,
@@ -266,8 +266,8 @@ static void set_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Update the filter with a value of a channel. Reject it if the recent values
- * contradict the prediction.
+/* Update the filter with a value of a channel. Reject it if recent values contradict the
+ * prediction: if the mean of their normalised innovation squared exceeds MAX_NIS.
  *   Given:    dt  [s] since the last value
  *   Updated:  s, change */
 static void use_velocity(
@@ -330,7 +330,8 @@ void velocity_update(
     if (!(z->given >> c & 1u) || is_repeat) continue;
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    /* with one wheel signal, its difference from the velocity may not be slip */
+    /* if only one wheel speed is measured, its difference from the velocity
+     * may have other causes than slip */
     if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);

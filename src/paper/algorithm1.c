@@ -1,9 +1,10 @@
 /* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The comments on the right
  * give its lines, and its equations in parentheses.
  *
- * A row begins with lines 17 and 18 of the previous row, because the time step is known
- * only now. w is drawn (line 16) before the statistics are updated with it (line 4).
- * src/EQUATIONS.md lists every other deviation from the paper, with its reason. */
+ * The processing of a row begins with lines 17 and 18 of the previous row, because the
+ * time step between the two rows was not known before. w is drawn (line 16) before the
+ * statistics are updated with it (line 4). src/EQUATIONS.md lists every other deviation
+ * from the paper, with its reason. */
 #include "paper/paper.h"
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)

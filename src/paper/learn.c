@@ -11,12 +11,13 @@
 #define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY ((tse_real)16) /* 16 steps of the format: the root of less has too few digits */
+#define TINY ((tse_real)16) /* 16 steps of the format: the root of a smaller pivot has too few digits */
 #endif
 
-/* Constants of the adaptive forgetting: the forgetting factor lambda of gamma decreases
- * while low-passed innovations are larger than low-passed white noise. Forgetting is
- * adaptive if the setting `forgetting_change` is below `forgetting_mean`. */
+/* Constants of the adaptive forgetting: the forgetting factor lambda of
+ * gamma decreases while the low-passed innovations are larger than
+ * low-passed white noise would be. Forgetting is adaptive if the setting
+ * `forgetting_change` is below `forgetting_mean`. */
 #define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
 #define USUAL_RATIO TSE_R(3) /* [1] ratio of the mean square of the low-passed innovations to that of
                               * low-passed white noise, up to which lambda does not change */

@@ -157,7 +157,7 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
 /* ---------------------------------------------------------------------------- weigh.c */
 
 /* Update the weights with the sample and normalise them, (22), (23).
- *   Returned:  log2 of the evidence of the sample, for SI units */
+ *   Returned:  log2 of the evidence of the sample, i.e. of its density in SI units */
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
 /* Subtract the largest log-weight from all. Compute the weights 2^logw, and log_total,
@@ -176,7 +176,9 @@ tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
 /* Return the sum of the weights. */
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
 
-/* Compute the weighted means of n rows of tse_particles. */
+/* Compute the weighted mean, over all particles, of each of n quantities.
+ *   Given:     rows   rows[k] has the values of quantity k, one for each particle
+ *   Returned:  means  n elements */
 void paper_weighted_means(
     const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
