@@ -47,8 +47,8 @@ static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Return whether the stored rows reach back to the time at which the earliest channel is
- * read (latency_span before the newest row). */
+/* Return whether the stored rows reach back to latency_span before the newest row. This
+ * is the time at which the channel with the smallest latency is read. */
 static int spans_latencies(const tse_params *p, const tse_alignment *m)
 {
   tse_real age = TSE_R(0);

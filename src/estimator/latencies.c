@@ -3,8 +3,8 @@
 #include "estimator/settings.h"
 
 /* Number of rows stored in addition to the span of the latencies: one before it, one
- * after it, and two because rows may be closer together than the sample time. With 30
- * rows for a span of 28 sample times, rows may be 7 % closer together. */
+ * after it, and two because rows may be closer together than the sample time. If two more
+ * rows are stored for a span of 28 sample times, rows may be 7 % closer together. */
 #define ROWS_TO_SPARE 4
 
 #if TSE_LATENCY_ROWS == 0

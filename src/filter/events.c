@@ -1,11 +1,12 @@
 /* filter/events.c - hypotheses of what may have happened: a change of the road or of the
  * tyres of an axle, wheels that slide, a channel at fault.
  *
- * An event of amplitude w ~ N(0, 1) shifts the state by w v. The sensitivity v is
- * propagated with the filter's own transitions and gains. Each innovation then has the
- * mean w h' v, which gives the exact likelihood of w (Willsky & Jones 1976) at a
- * hundredth of the cost of a second filter. At regular intervals a new hypothesis of each
- * kind is opened. It occupies a slot, i.e. an element of tse_kalman.event that is
+ * An event of amplitude w ~ N(0, 1) shifts the state by w v, v being the sensitivity of
+ * the state to w. v is propagated with the transitions and gains of the filter. Each
+ * innovation then has the mean w h' v (h: partial derivatives of the measurement with
+ * respect to the state). From it the exact likelihood of w follows (Willsky & Jones 1976)
+ * at a hundredth of the cost of a second filter. At regular intervals a new hypothesis of
+ * each kind is opened. It occupies a slot, i.e. an element of tse_kalman.event that is
  * reserved for its kind.
  *
  * Events form two groups. When the posterior probability of "no event" in a group falls
@@ -25,8 +26,8 @@ typedef struct opens {
   int8_t state, by;
 } opens;
 
-/* Indices of the sds by which events shift states, and a function that returns
- * the sd of an element, SI. */
+/* Values of opens.by: the sd by which an event shifts a state. get_sd()
+ * returns this sd [SI]. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real get_sd(const opens *o)
 {
@@ -405,12 +406,12 @@ int can_return(const tse_kalman *k)
       || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind: a free slot, otherwise the slot of the oldest
- * event. If a kind has several slots, its most likely event keeps its slot for ROAD_TIME,
- * because on a drive with few bends the evidence of one second is not enough for a
- * decision. An event that is not accepted by then is taken for drift or model error. A
- * change of an axle also keeps its slot for ROAD_TIME while it is more likely than no
- * event.
+/* Find a slot for the next event of a kind: a free slot, otherwise the slot of the
+ * oldest event. If a kind has several slots, its most likely event keeps its slot for
+ * ROAD_TIME, because on a drive with few bends the evidence of one second is not enough
+ * for a decision. An event that is not accepted by then is taken for drift or model
+ * error. A change of an axle also keeps its slot for ROAD_TIME, as long as it is more
+ * likely than no event.
  *   Given:     first  first slot of the kind
  *              due    [s] no event is opened while the youngest of the kind is younger
  *   Returned:  the slot; -1 if no event is to be opened now */
@@ -556,9 +557,9 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
 }
 
 /* Store the accepted change for the output. Also store the stiffness before the change,
- * for a later EVENT_ROAD_RETURN. A change within SETTLE_TIME of the last one counts as
- * part of it, unless it is a return. A fault that was accepted before is withdrawn,
- * because its evidence may have come from this change. */
+ * for a later EVENT_ROAD_RETURN. A change within SETTLE_TIME of the last change counts as
+ * part of the last change, unless it is a return. A fault that was accepted before is
+ * withdrawn, because its evidence may have come from this change. */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {

@@ -101,8 +101,8 @@
 #define MIN_NOISE TSE_R(0.04)           /* [1] min ratio of the estimated noise variance to that of the
                                          * setting. The sd is then a fifth of the setting */
 #define MIN_DT TSE_R(1e-4)              /* [s] min time between rows, because rates are divided by it */
-#define SAME_SPEED TSE_R(1e-5)          /* [1] max relative difference of two speeds that are equal: rounding
-                                         * to six digits */
+#define SAME_SPEED TSE_R(1e-5)          /* [1] max relative difference of two speeds that count as equal.
+                                         * Rounding to six digits causes it */
 #define MIN_SPEED_RATIO TSE_R(0.5)      /* [1] min ratio of front to rear wheel speed if both are
                                          * copies of one signal */
 #define MAX_SPEED_RATIO TSE_R(2)        /* [1] max ratio of front to rear wheel speed if both are
@@ -219,9 +219,11 @@
 #define LEVER TSE_R(0.7)                /* [m] max plausible distance by which the IMU is further behind
                                          * the centre of gravity than the settings say */
 #define STEER_LATE TSE_R(0.05)          /* [s] max plausible time by which the yaw rate leads the steering
-                                         * angle. In real cars the yaw rate follows it by 0 .. 130 ms */
-#define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind accel_y, due to
-                                         * the bus, stiff tyres, and an IMU ahead of the centre of gravity */
+                                         * angle. In real cars the yaw rate follows the steering angle by
+                                         * 0 .. 130 ms */
+#define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind
+                                         * accel_y. The bus, stiff tyres and an IMU ahead of the
+                                         * centre of gravity cause it */
 #define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max plausible sum of two latencies of the yaw rate: behind
                                          * accel_y, and behind the steering angle. Cars reach 0.24 s */
 #define ROAD_HALVINGS 12                /* [1] in the row in which the log begins or ceases to give grade

@@ -27,7 +27,7 @@ static void collect_possible(const tse_kalman *k, possible *e)
 static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
-  if (i >= STATES) { /* a constant of TSE_SMALL */
+  if (i >= STATES) { /* a state that TSE_SMALL does not estimate */
     *shift = TSE_R(0);
     return r_sqr(p->prior_sd[i]);
   }

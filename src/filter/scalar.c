@@ -12,7 +12,7 @@
  *                                                per sd
  *   S = h' A h + y' y + r                        variance of the innovation
  *   K = (A h + V y)/S                            gain
- *   A: update with its own optimal gain K0 = A h/(h' A h + r), then add
+ *   A: update with K0 = A h/(h' A h + r), the gain for known parameters, then add
  *      (h' A h + r)(K - K0)(K - K0)'             Joseph's form of a scalar
  *   V = V - K y' */
 #include "filter/filter.h"

@@ -123,8 +123,9 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   add_variance(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
-/* Propagate the heading by the gyro or, without a gyro, by the yaw rate of the state. The
- * gyro is better, because the yaw rate of the state has a model error. */
+/* Propagate the heading with the reading of the gyro less its bias or, if there is none,
+ * with the yaw rate of the state. The gyro is preferred, because the yaw rate of the
+ * state has a model error. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
@@ -255,8 +256,8 @@ static void predict_reading(
   for (int i = 0; i < TSE_ALL; i++) m->h[i] = r_mul(h[i], state_unit[i]);
 }
 
-/* Change the heading by `by`, so that it fits the measured course, and set its variance
- * to that of an unknown heading. */
+/* Change the heading by `by`, so that it fits the measured course, and set the variance
+ * of the heading to HEADING_SD^2, that of an unknown heading. */
 static void set_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrap_angle(k->x[PSI] + by);

@@ -35,7 +35,8 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
 
 static tse_real clip_bias(tse_real b) { return r_clamp(b, -MAX_BIAS, MAX_BIAS); }
 
-/* Correct the biases of every particle by their gains times the innovation given w. */
+/* Correct the biases of every particle by the bias gains times the innovation given w,
+ * i.e. the innovation that uses the drawn w of the particle. */
 static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {

@@ -95,8 +95,9 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
  *   mu+ = mu + gamma+ z
  *   Lambda+ = Lambda + z z'/(1 + gamma), thus
  *   lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
- * If a diagonal element of lam exceeds the limit that follows from spread_max, all of
- * lam is scaled down by the same factor. */
+ * If a diagonal element of lam exceeds the limit that follows from spread_max,
+ * all elements of lam are scaled down by the factor that brings the largest
+ * one to the limit. */
 static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
     tse_real max, tse_particles *TSE_RESTRICT q)
 {
@@ -131,9 +132,9 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
       p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return the ratio of the mean square of the low-passed innovations (SLOW_TIME, mean of
- * the channels) to that of low-passed white noise of variance 1. It is large while
- * innovations are correlated. */
+/* Return the ratio of the mean square of the low-passed innovations (time constant
+ * SLOW_TIME, mean over the channels) to that of low-passed white noise of variance 1. It
+ * is large while innovations are correlated. */
 static tse_real compute_persistence(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {

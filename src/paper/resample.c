@@ -46,13 +46,15 @@ static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total
   }
 }
 
-/* Return floor(n q), the number of copies that a particle certainly has. */
+/* Return floor(n q), the number of copies that a particle has in any case
+ * (q: weight / total). */
 static int32_t count_whole_copies(tse_real weight, int32_t n, tse_real total)
 {
   return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
 }
 
-/* Choose the certain copies, and the remaining ancestors by stratified resampling. */
+/* Choose floor(n q) copies of each particle, and the remaining ancestors by stratified
+ * resampling (q: weight / sum of the weights). */
 static void choose_residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {

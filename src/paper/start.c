@@ -14,7 +14,7 @@ static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real
   }
 }
 
-/* Return the stiffness deviation w, clipped to its limits. */
+/* Return the stiffness deviation w, clipped to w_min .. w_max. */
 static tse_real clip_stiffness(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
 
 /* Return the mean of both wheel speeds [m/s]. */
