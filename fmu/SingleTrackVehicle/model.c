@@ -3,8 +3,9 @@
  *
  * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
  * logs at t + h, and the true values. The inputs at t + h are the inputs that the
- * importer set at t, plus h times their time derivatives, if it set any. With parameter
- * ramp = 1, inputs change linearly during the step; with 0, they jump at its start. */
+ * importer set at t. If it also set their time derivatives, h times these is added. With
+ * parameter ramp = 1, inputs change linearly during the step; with 0, they jump at its
+ * start. */
 #include <stdio.h>
 #include <string.h>
 

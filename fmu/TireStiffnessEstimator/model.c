@@ -163,7 +163,8 @@ void model_list_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-/* Return the index of a parameter in model.set; -1 if the variable is not in config. */
+/* Return the index of a parameter in model.set. Return -1 if the variable is not a member
+ * of model.config. */
 static int find_set_index(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);
@@ -301,8 +302,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->time = time;
   derive_outputs(m);
   /* `status` is the largest of several warning codes. If a channel is missing, the text
-   * names the channel, unless there is a code from TSE_W_GAP on. The text is then the same
-   * in every step while the channel is missing, and is logged once. */
+   * names the channel, unless there is a code from TSE_W_GAP on. While the channel is
+   * missing, each step thus has the same text, which is logged once. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

@@ -28,7 +28,7 @@ typedef struct model {
   int32_t valid[3];       /* 1: the stiffness is valid */
   int32_t all_valid;      /* 1: all three stiffnesses are valid */
   int32_t grip_valid;     /* 1: the grip is valid */
-  int32_t rows;           /* 0: the next row is the first; 1: it is not */
+  int32_t rows;           /* 0: no row has been processed; 1: there has been a row */
   double time;            /* [s] time of the last row */
   tse_params params;
   tse_filter_paper memory; /* the filter. This type is large enough for both filters */

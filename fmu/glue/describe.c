@@ -110,7 +110,7 @@ static void print_attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-/* State of print_code() between its calls. */
+/* Data that print_code() keeps from one call to the next. */
 typedef struct enumerations {
   int fmi;          /* version of FMI: 2 or 3 */
   const char *open; /* enumeration type whose XML element is not yet closed; NULL: none */
@@ -177,7 +177,7 @@ static void print_units(int fmi)
   (void)puts("  </TypeDefinitions>");
 }
 
-/* Return FMI's name of the type of a variable. */
+/* Return the name that FMI has for the type of a variable. */
 static const char *get_type_name(const fmu_variable *v, int fmi)
 {
   switch (v->kind) {
@@ -435,7 +435,8 @@ static void print_code_row(void *to, const char *type, int32_t code, const char 
   (void)puts("</tr>");
 }
 
-/* Return the length of the group in a structured name, the part before the last dot. */
+/* Return the length of the group in a structured name. The group is the part before the
+ * last dot. */
 static size_t find_group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');

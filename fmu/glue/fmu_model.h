@@ -44,9 +44,10 @@ extern const int32_t fmu_variable_count;
 extern const fmu_variable fmu_time; /* defined in fmu_model.c */
 
 /* An array of outputs. FMI 3.0 has arrays in addition to the scalar variables; FMI 2.0
- * does not. Value references of arrays follow those of fmu_variables, and fmu_time is
- * last. All elements of an array have the same unit. Relative stiffnesses are therefore
- * an array, and stiffnesses in N and N/rad are not. */
+ * has no arrays. The value references of the arrays follow those of fmu_variables, and
+ * the value reference of fmu_time is the last. All elements of an array have the same
+ * unit. Relative stiffnesses are therefore an array, and stiffnesses in N and N/rad are
+ * not. */
 typedef struct fmu_array {
   fmu_variable of; /* `offset` is that of the first element; name, unit and description are
                     * those of the array; it has no range and no rate */
@@ -55,9 +56,10 @@ typedef struct fmu_array {
 extern const fmu_array fmu_arrays[];
 extern const int32_t fmu_array_count;
 
-/* A terminal of FMI 3.0: a group of variables that the user connects in one action.
- * Importers connect two terminals of the same kind: each member with that of equal name.
- * The members are the Real variables of `role` whose name is `prefix` + member name. */
+/* A terminal of FMI 3.0: a group of variables that the user connects in one action. If
+ * two terminals have the same kind, importers can connect them: each member with the
+ * member of the same name. The members are the Real variables of `role` whose name is
+ * `prefix` + member name. */
 typedef struct fmu_terminal {
   const char *name, *kind;
   char role; /* 'i' or 'o' */
@@ -74,8 +76,8 @@ typedef struct fmu_info {
 } fmu_info;
 extern const fmu_info fmu_about;
 
-/* Call `row` for each code of each enumeration type. All codes of a type are called
- * before those of the next type. `to` is passed on to `row`. */
+/* Call `row` once for each code of each enumeration type, type by type. `to` is passed on
+ * to `row`. */
 typedef void fmu_code_row(void *to, const char *type, int32_t code, const char *name, const char *text);
 void model_list_codes(fmu_code_row *row, void *to);
 
@@ -104,8 +106,8 @@ const char *fmu_find_name(const char *setting);
 #define FMU_RANGE 80 /* [bytes] max size of a range */
 const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE]);
 
-/* Initialise the members that are no variables. The caller then sets the start values of
- * the variables.
+/* Initialise the members of m that are not variables of the FMU. The caller then sets the
+ * start values of the variables.
  *   Given:  m  all bytes are 0 */
 void model_init(model *m);
 

@@ -141,7 +141,8 @@ int32_t glue_count_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-/* Check that a call passes as many values as its variables have. */
+/* Check that a call passes the right number of values: `wanted`, the total number of
+ * values of its variables. */
 static int check_count(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
@@ -163,8 +164,8 @@ static const char *get_type_name(const instance *s, char kind)
   }
 }
 
-/* Return 1 if FMI's get and set functions for this kind of variables may access v. In FMI
- * 2.0, the functions for Integer also access enumerations. */
+/* Return 1 if the get and set functions that FMI has for this kind of variables may
+ * access v. In FMI 2.0, the functions for Integer also access enumerations. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
@@ -412,7 +413,7 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
 
 /* ------------------------------------------------------------------------------------------- state */
 
-/* Return the saved state at a pointer; NULL if no saved state is there. */
+/* Return the saved state to which a pointer points. Return NULL if it points to none. */
 static snapshot *find_snapshot(const void *state)
 {
   for (size_t i = 0; i < FMU_STATES; i++)

@@ -72,7 +72,7 @@ typedef struct glue_api {
 /* Part of an instance that a saved state contains. */
 typedef struct glue_content {
   int32_t phase; /* GLUE_INSTANTIATED .. GLUE_TERMINATED */
-  int32_t stale; /* 1: a value was set after the outputs were computed, before the first step */
+  int32_t stale; /* 1: outputs are out of date, because a value was set before the first step */
   double start;  /* [s] start time */
   double now;    /* [s] time at which the next step begins */
   model m;
@@ -105,7 +105,8 @@ glue_status glue_set_logging(
 /* ---- arguments. The functions glue_check_*() return 1 if the check succeeds; otherwise
  * they log an error and return 0. */
 
-/* Return the instance at a pointer; NULL if no instance in use is there. */
+/* Return the instance to which a pointer points. Return NULL if it points to no instance
+ * that is in use. */
 instance *glue_find_instance(const void *c);
 
 /* Check that the instance is in one of the phases of a mask. */
@@ -268,7 +269,8 @@ glue_status glue_get_state_size(const instance *s, const char *function, const v
 glue_status glue_serialize_state(
     const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
 
-/* Check the `size` bytes of a serialized state; set *state to a saved state with them. */
+/* Check the `size` bytes of a serialized state. Make a saved state of them, and set
+ * *state to it. */
 glue_status glue_deserialize_state(
     const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
 

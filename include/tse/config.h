@@ -1,8 +1,8 @@
 /* tse/config.h - settings, from the tables in src/tables.
  *
- * The comment of a setting gives: [unit] default, min .. max; meaning. The defaults
- * describe an ordinary car. Those of the paper's filter are the values in section IV of
- * the paper. */
+ * Each setting has a comment of this form: [unit] default, min .. max; meaning. The
+ * defaults of the car describe an ordinary car. The defaults of settings that only the
+ * paper's filter uses are the values in section IV of the paper. */
 #ifndef TSE_CONFIG_H
 #define TSE_CONFIG_H
 
@@ -23,11 +23,11 @@
 #endif
 
 /* Settings, in SI units. Fill the struct with tse_config_default(), then set the values
- * of your car, at least the mass. For mass, yaw inertia and stiffness, whose range does
- * not include 0, the value 0 means "not set". By default the effects that all cars have
- * are on (body_roll_gain, relaxation_length ...), and the strengths of all other effects
- * are 0, which switches them off. Column `filter` of src/tables/effects.toml states which
- * filter uses an effect. */
+ * of your car, at least the mass. Mass, yaw inertia and stiffness may also be 0, although
+ * their ranges do not include 0: this value means "not set". By default the effects that
+ * all cars have are on (body_roll_gain, relaxation_length ...), and the strengths of all
+ * other effects are 0, which switches them off. Column `filter` of
+ * src/tables/effects.toml states which filter uses an effect. */
 typedef struct tse_config {
   // clang-format off: table config_members
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: unknown, and no
@@ -419,7 +419,7 @@ typedef struct tse_config {
   // clang-format on: end of table
 } tse_config;
 
-/* Uncertain parameters of the car and of its model: argument k of
+/* Uncertain parameters of the car and of its model: values of the argument k of
  * tse_uncertainty_sd(). */
 enum {
   // clang-format off: table considered

@@ -1,9 +1,10 @@
 /* tse/convert.h - convert between double and the number format of the library.
  *
  * This header is for programs that use the library; the library itself does not include
- * it. NaN stays NaN. A value beyond the fixed-point range becomes +-2^28, which is out of
- * the range of every setting and channel. tse_prepare() refuses such a setting. If a
- * channel has this value, tse_step() refuses the row or treats the channel as missing. */
+ * it. NaN stays NaN. In a fixed-point build, a value outside the range of the format
+ * becomes +-2^28. This is outside the range of every setting and every channel.
+ * tse_prepare() therefore refuses such a setting, and tse_step() refuses such a row or
+ * treats the channel as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 
@@ -32,7 +33,7 @@ static inline double tse_double_of(tse_real x)
   return (double)x / (double)((int64_t)1 << TSE_FRACTION_BITS);
 }
 
-/* Convert a setting. It is rounded to single precision first, as by TSE_S(). */
+/* Convert a setting. Like the macro TSE_S(), first round it to single precision. */
 static inline tse_setting tse_setting_of(double x) { return tse_real_of((double)(float)x); }
 static inline double tse_double_of_setting(tse_setting x) { return tse_double_of(x); }
 

@@ -18,20 +18,20 @@ extern "C" {
 #endif
 
 /* Tables of tse_describe(). In a build without effects, tse_describe() returns NULL for
- * the structs of simulator and replay. In a list of codes, `name` and `text` are those of
- * the code, and `offset` is its value. */
+ * the structs of simulator and replay. A row of a list of codes has the numerical value
+ * of the code in `offset`, and its name and meaning in `name` and `text`. */
 typedef enum tse_struct {
   TSE_STRUCT_CONFIG,
   TSE_STRUCT_INPUT,
   TSE_STRUCT_OUTPUT,
-  TSE_STRUCT_SIM_CONFIG, /* simulator */
-  TSE_STRUCT_SIM_INPUT,
-  TSE_STRUCT_SIM_OUTPUT,
-  TSE_STRUCT_STATUS,     /* list of status codes */
-  TSE_STRUCT_REASON,     /* list of reason codes */
-  TSE_STRUCT_REPLAY_LOG, /* replay */
-  TSE_STRUCT_REPLAY_START,
-  TSE_STRUCT_REPLAY_OUT,
+  TSE_STRUCT_SIM_CONFIG,    /* settings of the simulator */
+  TSE_STRUCT_SIM_INPUT,     /* inputs of the simulator */
+  TSE_STRUCT_SIM_OUTPUT,    /* outputs of the simulator */
+  TSE_STRUCT_STATUS,        /* list of status codes */
+  TSE_STRUCT_REASON,        /* list of reason codes */
+  TSE_STRUCT_REPLAY_LOG,    /* log for a replay */
+  TSE_STRUCT_REPLAY_START,  /* constants and initial state of a replay */
+  TSE_STRUCT_REPLAY_OUT,    /* results of a replay */
   TSE_STRUCT_FORMULA_PLACE, /* list of the places where a formula may act (src/tables/formula.toml) */
   TSE_STRUCT_FORMULA_OP,    /* list of the operations of a formula. `def`: number of operands. `kind`:
                              * 'n' number, 's' signal, 'p' plain function, 'm' function with memory */
@@ -56,7 +56,8 @@ typedef struct tse_field {
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
 /* One effect of src/tables/effects.toml.
- *   hook         where the model applies the effect: CONSTANT .. SENSOR
+ *   hook         step of the computation in which the model applies the effect: CONSTANT,
+ *                INPUT ... SENSOR (src/model/effects.h)
  *   title        name of the effect
  *   entry_point  part of the model that the effect changes
  *   channels     channels in which the effect is visible
@@ -67,18 +68,20 @@ typedef struct tse_effect_row {
   int32_t bit;            /* number of its bit in tse_effects.mask */
   const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
   const char *occurrence; /* column `occurrence` of src/tables/effects.toml: SENSOR, EVERY_CAR ... */
-  const char *early;      /* title if the strength is below early_below: such a strength is a latency of the
-                           * log or a low pass of the IMU, not an effect of the car. "": no such title */
+  /* title to use instead if the strength is below early_below: such a strength means a
+   * latency of the log or a low pass of the IMU, not an effect of the car. "": the title is
+   * always the same */
+  const char *early;
   double early_below;
 } tse_effect_row;
 
-/* The use of one setting of tse_config.
+/* How one setting of tse_config is used.
  *   table        its table in src/tables: vehicle, uncertainty, sensors, latency,
  *                velocity, pedals, road, effects, formula or filter
  *   filter       filters whose estimates depend on it: "both", "default", "paper"
  *                or "none"
- *   replaced_by  name of a setting that the filter uses in its place, unless that setting
- *                is 0; "": there is none */
+ *   replaced_by  name of a different setting. If that setting is not 0, the filter uses it
+ *                instead of this one. "": there is no such setting */
 typedef struct tse_setting_row {
   const char *name, *table, *filter, *replaced_by;
 } tse_setting_row;
@@ -86,9 +89,9 @@ typedef struct tse_setting_row {
 /* One parameter of an effect. The member `setting` is its name in tse_config. */
 typedef struct tse_effect_parameter {
   const char *effect, *parameter, *setting, *unit, *text;
-  int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape, without
-                                  * effect while all strengths are 0. -1: a shape that cannot be estimated
-                                  * from logs together with the strength */
+  int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape; it has no
+                                  * influence while all strengths are 0. -1: a shape, too, but one that
+                                  * cannot be estimated from logs together with the strength */
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
   double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
@@ -98,10 +101,11 @@ typedef struct tse_effect_parameter {
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.
  *   count NULL: the number of rows is not returned */
 const tse_effect_row *tse_describe_effects(int32_t *count);
-/* Return the parameters of these effects in the same way. */
+/* Return the parameters of all effects: pointer to the first of *count rows. With count
+ * NULL, the number of rows is not returned. */
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 
-/* Return the use of every setting, in the order of tse_describe(TSE_STRUCT_CONFIG):
+/* Return how each setting is used, in the order of tse_describe(TSE_STRUCT_CONFIG):
  * pointer to the first of *count rows.
  *   count NULL: the number of rows is not returned */
 const tse_setting_row *tse_describe_settings(int32_t *count);

@@ -99,7 +99,8 @@ enum {
 // clang-format on: end of table
 #define TSE_VELOCITIES 4 /* number of velocities, which are the first optional channels */
 #define TSE_PEDALS 3     /* number of pedals and wheel torques, which follow the velocities */
-/* All bits of velocities, of pedals and wheel torques, and of the road. */
+/* Masks of tse_input.given: the bits of all velocities, of all pedals and wheel torques,
+ * and of both road angles. */
 #define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u)
 #define TSE_GIVEN_PEDALS (((1u << TSE_PEDALS) - 1u) << TSE_VELOCITIES)
 #define TSE_GIVEN_ROAD (TSE_GIVEN_bank | TSE_GIVEN_grade)

@@ -31,17 +31,17 @@
  *   252  q24 x 3   correlations 01, 02, 12 of the process noise; particle filter only
  *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
  *
- * Later formats keep the first eight bytes and end in the CRC. The library can
- * therefore distinguish a newer file from a damaged one.
+ * Later formats will begin with the same eight bytes and end with the CRC, too. The
+ * library can therefore distinguish a file of a later format from a damaged file.
  *
- * A file with a value out of range is refused: a logarithm beyond 4, a bias beyond the
- * range of its channel, a negative sd, or a correlation beyond 1. Formats 1 and 2 are
- * refused with TSE_E_OLD.
+ * A file is refused if it has a value out of range: a logarithm above 4 in magnitude, a
+ * bias outside the range of its channel, a negative sd, or a correlation above 1 in
+ * magnitude. Formats 1 and 2 are refused with TSE_E_OLD.
  *
  * The hash `vehicle` is computed from the vehicle settings, from mass to
- * rear_longitudinal_follows_front in tse_config, in single precision. They must not
- * change between drives, because stiffness is relative to them. Settings of sensors,
- * filter, particles and seed may change, because biases are stored in SI units.
+ * rear_longitudinal_follows_front in tse_config, in single precision. These settings must
+ * not change between drives, because the saved stiffness is relative to them. Settings of
+ * sensors, filter, particles and seed may change, because biases are stored in SI units.
  *
  * The learnt state is not a snapshot: it leaves out velocities, particles and weights. To
  * interrupt and continue a drive, copy the tse_filter. */
@@ -62,8 +62,8 @@ extern "C" {
 #endif
 
 /* Save the learnt state. A stiffness counts as learnt if it was loaded, or has been valid
- * since the last restart. Paper's filter: the variance of a stiffness that was loaded and
- * has not been valid since is at least the loaded variance.
+ * since the last restart. With the paper's filter, if a stiffness was loaded and has not
+ * been valid since then, its saved variance is at least the loaded variance.
  *   Returned:  out  unchanged if the result is negative
  *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has had no row
  *              yet, or holds a NaN. In this case keep the bytes of the earlier drive */
@@ -85,10 +85,11 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *                                    The variance of the mean is added to the square of
  *                                    this sd. The sum counts as the result of initial_dof
  *                                    samples
- *              bias                  Its variance grows by the random walk *_bias_walk,
- *                                    up to *_bias_sd^2. Meanwhile the bias decays, and
- *                                    is 0 at this limit, because a part of the learnt
- *                                    bias is due to the slope of the last road
+ *              bias                  Its variance grows at the rate of the random walk
+ *                                    *_bias_walk, up to *_bias_sd^2. Meanwhile its mean
+ *                                    decays, and is 0 when the variance reaches this
+ *                                    limit. Reason: a part of the learnt bias is due to
+ *                                    the slope of the last road
  *              noise, correlations   As saved
  *              grip, steering,       Their sd is at least a tenth of the sd in the
  *              wheel radius          settings, and at most this sd

@@ -28,8 +28,8 @@
 
 #if defined(TSE_REAL_STRONG)
 /* For a test that compiles the core as C++. Its number type is a class without the
- * operators * and / (tests/unit/strong_real.hpp), so that a product that does not use
- * src/number/real_ops.h is a compile error. */
+ * operators * and / (tests/unit/strong_real.hpp). A product or quotient that is not
+ * computed by a function of src/number/real_ops.h is therefore a compile error. */
 #include "strong_real.hpp"
 #define TSE_FORMAT_NAME "strong"
 #define TSE_NAME(name) name##_strong

@@ -108,18 +108,20 @@ typedef struct tse_sim_output {
   // clang-format on: end of table
 } tse_sim_output;
 
-/* Memory of the internal members of a simulation. */
+/* Storage for the internal members of tse_sim. */
 typedef struct tse_sim_bytes {
   tse_real first;
   unsigned char rest[sizeof(tse_sim_config) + 134 * sizeof(tse_real) + 24 + 6 * TSE_PADDING];
 } tse_sim_bytes;
 
-/* A simulation. The caller allocates it, as the structs of tse/state.h. */
+/* State of a simulation. The caller allocates it, like the structs of tse/state.h. */
 typedef struct tse_sim tse_sim;
 #if !defined(TSE_INTERNALS)
 struct tse_sim {
   tse_params_bytes params;
-  tse_sim_input last; /* inputs of the last row. fmu/SingleTrackVehicle, whose inputs are held, sets them */
+  /* inputs of the last row. fmu/SingleTrackVehicle overwrites them, so that its inputs can
+   * jump at the start of a step */
+  tse_sim_input last;
   tse_sim_bytes bytes;
 };
 #endif

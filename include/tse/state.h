@@ -8,11 +8,12 @@
 #include "tse/limits.h"
 #include "tse/real.h"
 
-/* Paper's filter. A sum over all particles is computed as TSE_LANES interleaved partial
- * sums that are added in a fixed order, so that its bits do not depend on the vector
- * width of the machine. An array over all particles has TSE_STRIDE elements, which is
- * TSE_LANES more than needed: if the size were a power of two, all arrays would share the
- * same cache sets, which costs up to 14 % of the time. */
+/* Sizes for the paper's filter. A sum over all particles is computed as TSE_LANES
+ * interleaved partial sums that are added in a fixed order, so that its bits do not
+ * depend on the vector width of the machine. An array over all particles has TSE_STRIDE
+ * elements, TSE_LANES more than needed. Otherwise its size could be a power of two.
+ * Elements with the same index in all arrays would then compete for the same cache sets,
+ * which costs up to 14 % of the time. */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 

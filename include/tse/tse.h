@@ -87,8 +87,8 @@ void tse_config_default(tse_config *c);
 void tse_config_exact(tse_config *c);
 
 /* Replace mass, yaw inertia and stiffness by the values that tse_prepare() would use if
- * they are 0, for example to display them. The filter does not need this call. If the
- * mass is changed later, these values do not follow.
+ * they are 0, for example to display them. The filter does not need this call. If you
+ * change the mass later, these values stay as they are.
  *   c NULL            no effect */
 void tse_config_complete(tse_config *c);
 
@@ -100,16 +100,16 @@ void tse_config_complete(tse_config *c);
 void tse_config_paper(tse_config *c);
 
 /* Fill c with the paper's filter and with settings that prevent its divergence after a
- * change of road. The mean of a stiffness is forgotten faster than its covariance, and
- * faster still while innovations are correlated. A stiffness that is drawn below
- * stiffness_min is reflected at this limit. Equation (7) is integrated with second order.
- * Use this filter for comparison: on an ordinary car the default filter is safer. This
- * filter needs a tse_filter_paper.
+ * change of road. Older data lose their weight faster in the mean of a stiffness than in
+ * its covariance, and still faster while innovations are correlated. A random stiffness
+ * below stiffness_min is reflected at this limit. The method that integrates equation (7)
+ * is of second order. Use this filter for comparison: on an ordinary car the default
+ * filter is safer. This filter needs a tse_filter_paper.
  *   c NULL            no effect */
 void tse_config_robust(tse_config *c);
 
 /* Check that each setting is in its range, or 0 where 0 means "not set". Check that the
- * latencies span at most TSE_LATENCY_ROWS - 4 times sample_time.
+ * latencies of the channels differ by at most (TSE_LATENCY_ROWS - 4) * sample_time.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG. With TSE_E_CONFIG, *wrong (if
  *              wrong is not NULL) points to the name of the first wrong setting,
  *              a string constant */
@@ -161,8 +161,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         The row is refused.
  *     a channel with a latency (settings ..._latency)
  *         Rows wait until the values of all channels are known. Meanwhile the status is
- *         TSE_W_WAITING, and the reasons are those of the last step. The step that
- *         follows goes to the time that is estimate_age before the row.
+ *         TSE_W_WAITING, and the reasons are those of the last step. Once the values are
+ *         known, the filter advances to the time of the newest row minus estimate_age.
  *     a channel with a latency, and dt above max_gap
  *         The waiting rows are discarded. The next step covers all the time since the
  *         last step.
@@ -196,8 +196,9 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     sensor noise that differs from the setting
  *         The noise is estimated, up to noise_max times the setting. noise[] reports it.
  *     model discrepancy
- *         For each channel of the IMU it is noise that lasts about a second. Its sd is
- *         model_sd times the recent rms of the channel. discrepancy[] reports this sd.
+ *         The model has an error in each channel of the IMU. It is treated as noise that
+ *         is correlated over about a second. Its sd is model_sd times the recent rms of
+ *         the channel. discrepancy[] reports this sd.
  *     a velocity (tse_input.given)
  *         It is a measurement with the latency velocity_latency. A value is
  *         ignored if it is NaN or out of range, repeats the previous value, or

@@ -38,8 +38,8 @@ enum {
 
 /* Return the place of state FAST + i among the means of a file. */
 #if defined(TSE_SMALL)
-/* This build lacks the bias of accel_x, cx_front, and the last two means: latency and
- * radius. */
+/* The state of this build does not have the bias of accel_x, cx_front, and the last two
+ * means of a file: latency and radius. */
 static int get_place(int i) { return i + (FAST + i < LCF ? 1 : 2); }
 #else
 static int get_place(int i) { return i; }
@@ -65,14 +65,14 @@ uint32_t crc32_of(const uint8_t *bytes, size_t count)
   return ~crc;
 }
 
-/* Write a word, little-endian. Returned: the place after it */
+/* Write a word, little-endian. Returned: the address after the word */
 static uint8_t *put(uint8_t *at, uint32_t word)
 {
   for (int i = 0; i < 4; i++) at[i] = (uint8_t)(word >> (8 * i) & 0xffu);
   return at + 4;
 }
 
-/* Write n numbers. Returned: the place after them */
+/* Write n numbers. Returned: the address after the numbers */
 static uint8_t *put_all(uint8_t *at, const int32_t *x, int n)
 {
   for (int a = 0; a < n; a++) at = put(at, (uint32_t)x[a]);
@@ -91,7 +91,7 @@ static int32_t to_signed(uint32_t word)
   return word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1;
 }
 
-/* Read n numbers. Returned: the place after them */
+/* Read n numbers. Returned: the address after the numbers */
 static const uint8_t *get_all(const uint8_t *at, int32_t *x, int n)
 {
   for (int a = 0; a < n; a++, at += 4) x[a] = to_signed(get(at));
@@ -298,8 +298,8 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 
 /* ------------------------------------------------------------------------------ load */
 
-/* Return rate times n. The product is summed over the digits of n to the base 1024, so
- * that each factor fits a fixed-point number. */
+/* Return rate times n. n is split into digits to the base 1024, and the products of rate
+ * and each digit are added, so that each factor fits a fixed-point number. */
 static tse_real compute_growth(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -373,9 +373,10 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 #if !defined(TSE_NO_PARTICLES)
 /* Set the prior of the particle filter to the aged state.
  *
- * In each particle the variance of a mean stiffness is gamma Sigma. gamma is the same for
- * all three stiffnesses. If gamma Sigma is smaller than the variance of the mean of a
- * stiffness, this mean is drawn for each particle with the missing variance (mu_sd). The
+ * In each particle the variance of a mean stiffness is gamma Sigma: Sigma is the
+ * covariance of the process noise of the stiffness, and the factor gamma is the same for
+ * all three stiffnesses. If gamma Sigma is smaller than the aged variance of a mean, the
+ * mean of each particle is drawn at random with the missing variance (mu_sd). The
  * variance of the mean is also added to Sigma, and Sigma has the weight of initial_dof
  * samples, so that the particles can follow a changed road. In 8 drives that start on a
  * road with 60 % of the learnt stiffness, this reduces the rms errors of the three
@@ -400,12 +401,12 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
              bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
     mean = r_mul(p->inv_sd[a], mean);
     if (c->sd[K_BIAS + a] == 0 || !(bias_var < p->bias_var0[a]))
-      continue; /* not more accurate than in the settings */
+      continue; /* the saved value is not more accurate than the setting */
     age_bias(&mean, &bias_var, p->bias_walk[a], p->bias_var0[a], age_s);
     s->bias[a] = mean;
     s->bias_var[a] = bias_var;
   }
-  if (c->known == 0) return; /* no stiffness is known: keep the prior of the settings, in all bits */
+  if (c->known == 0) return; /* no stiffness has been learnt: keep the prior of the settings, bit for bit */
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;

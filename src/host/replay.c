@@ -129,7 +129,7 @@ static tse_status check_rows(
 
 /* Return the inputs of row i. The steering angle is the logged one, changed by the
  * effects of kind INPUT.
- *   Updated:  m */
+ *   Updated:  m  memory of the effects */
 static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {
   acting now;
@@ -162,7 +162,8 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   const tse_status refused = check_rows(log, rows, s, wrong);
-  if (refused < 0 || rows <= 0) return refused; /* a log without rows is done, and its start is not checked */
+  if (refused < 0 || rows <= 0)
+    return refused; /* without rows there is nothing to do, and s is not checked */
 
   tse_params car = *p;
   tse_effect_memory m;

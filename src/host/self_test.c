@@ -6,7 +6,8 @@
 
 #if defined(TSE_REAL_FIXED)
 
-/* Fixed point has integers only, which are checked at compile time. */
+/* In fixed point there is nothing to test: it uses integers only, and checks at compile
+ * time how the compiler treats them. */
 static const char *fault(void) { return NULL; }
 
 #else

@@ -222,9 +222,9 @@ static void walk_biases(tse_sim *sim, tse_real dt)
 }
 
 /* Integrate to the next row. Inputs are linear between rows, or held if hold_inputs is 1.
- * An estimator assumes that wheel speeds are linear between rows. Relative to this, held
- * torques act half a row too early, and an estimator without a model of this delay
- * estimates a longitudinal stiffness that is 2 % too small. */
+ * An estimator assumes that wheel speeds are linear between rows. Relative to this
+ * assumption, held torques act half a row too early. An estimator without a model of this
+ * shift estimates a longitudinal stiffness that is 2 % too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
@@ -313,8 +313,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Return whether the motion is within its limits, so that tse_sim_check() accepts it. A
- * motion with NaN is not. */
+/* Return whether the motion is within its limits, so that tse_sim_check() accepts it.
+ * Return 0 if the motion has a NaN. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
   int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED)
@@ -329,8 +329,8 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
       && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
-/* Return the mask of the effects in this row: the effects of the settings, and also grade
- * and bank if u or the last row has a road angle other than 0. */
+/* Return the mask of the effects in this row: the effects that the settings switch on. If
+ * u or the last row has a road angle other than 0, the mask also has grade and bank. */
 static uint64_t find_row_effects(const tse_sim *sim, const tse_sim_input *u)
 {
   const uint64_t road = (uint64_t)1 << TSE_EFFECT_grade | (uint64_t)1 << TSE_EFFECT_bank;

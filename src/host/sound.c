@@ -25,8 +25,8 @@ static int is_start_sound(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Return whether the waiting rows are sound: consecutive rows are at most max_gap +
- * latency_least apart, and all values are in range. */
+/* Return whether the rows that wait for late channels are sound: consecutive rows are at
+ * most max_gap + latency_least apart, and all values are in range. */
 static int are_waiting_rows_sound(const tse_params *p, const tse_alignment *m)
 {
   const tse_real max_apart = p->max_gap + p->latency_least;

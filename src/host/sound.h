@@ -12,8 +12,9 @@
  *   MOST_REAL      all numbers but the following
  *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by
  *                  the sd of a sensor, which may be as small as 1e-5
- *   MOST_VARIANCE  variances, in squared units of the state. The variances of an unknown
- *                  motion are smaller. MOST_VARIANCE MOST_REAL^2 fits a float */
+ *   MOST_VARIANCE  variances, in squared units of the state. Even if the motion is
+ *                  unknown, its variances are smaller. MOST_VARIANCE MOST_REAL^2 does not
+ *                  overflow in float */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL

@@ -168,7 +168,7 @@ static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES
  * front wheel radius change only the readings of sensors. */
 static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
-/* Add `more` to the derivative with respect to column j, if there is such a column. */
+/* Add `more` to the derivative in column j of the row, if this build has column j. */
 static void add_slope(tse_short *row, int j, tse_real more)
 {
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));

@@ -69,8 +69,8 @@
  * are not diagonal. */
 /* clang-format off */
 /* In TSE_SMALL, which has lateral motion only, KNOWN_ROWS are not states. They are
- * constants at their prior, except PHI, which follows the lateral force without a lag,
- * and SF and SR, which are computed from accel_x. */
+ * constants with the value of their prior. There are two exceptions: PHI follows the
+ * lateral force without a lag, and SF and SR are computed from accel_x. */
 #if defined(TSE_SMALL)
 #define NOT_SMALL(rows)
 #define KNOWN_ROWS(NAME) NAME(PHI) NAME(DPHI) NAME(SF) NAME(SR) NAME(GX) NAME(BX) NAME(LCX) NAME(RAD)
@@ -130,11 +130,11 @@ enum {
 
 /* Consider parameters: uncertain quantities that are not estimated.
  *
- * The parameters before CONSIDER_SCALE belong to the car. In the matrices of partial
- * derivatives their columns follow those of the states. The parameters from
- * CONSIDER_SCALE on belong to the sensors. The public enumeration TSE_CONSIDER_...
- * (tse/config.h) uses the same names. In addition it contains states and the model error,
- * and it has one relaxation length for both axles. */
+ * The parameters before CONSIDER_SCALE belong to the car. In a matrix of partial
+ * derivatives, the columns of these parameters follow the columns of the states. The
+ * parameters from CONSIDER_SCALE on belong to the sensors. The public enumeration
+ * TSE_CONSIDER_... (tse/config.h) uses the same names. That enumeration also has some
+ * states and the model error, and it has one relaxation length for both axles. */
 #if defined(TSE_SMALL)
 #define KNOWN_NAME(name) name,
 enum {

@@ -51,11 +51,11 @@ static inline tse_real steering_lag_input(
 /* exact_kinematics: equations (1) to (4) without small-angle approximations. In its own
  * axes the front wheel has the velocity
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
- * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low) and its slip angle
- * atan(-v_y/|v_x|). The slip angle of the rear wheel is atan((lr r - vy)/|vx|). The front
- * forces are turned by d. share = 0 is the plain model, 1 the exact one. A share between
- * 0 and 1 interpolates linearly between the two, because tests of this effect need the
- * derivative with respect to share at 0. */
+ * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is LOW_SPEED. Its
+ * slip angle is atan(-v_y/|v_x|). The slip angle of the rear wheel is atan((lr r -
+ * vy)/|vx|). The front forces are turned by d. share = 0 is the plain model, 1 the exact
+ * one. A share between 0 and 1 interpolates linearly between the two, because tests of
+ * this effect need the derivative with respect to share at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -74,20 +74,20 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the moment of the front lateral force turns the wheels back by
- * c n C alpha. c is angle / moment, n the trail and C the cornering stiffness. From
- * alpha = alpha_0 - c n C alpha follows alpha = alpha_0/(1 + c n C). C is the
- * stiffness before the STIFFNESS effects, so that saturation does not reduce the moment.
- * A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5 degrees
- * per 100 Nm. */
+/* steering_compliance: the moment of the front lateral force turns the wheels back by c n
+ * C alpha. c is angle / moment, n the trail and C the cornering stiffness. With alpha_0
+ * as the slip angle of rigid steering, alpha = alpha_0 - c n C alpha, and thus alpha =
+ * alpha_0/(1 + c n C). C is the stiffness before the STIFFNESS effects, so that
+ * saturation does not reduce the moment. A linear compliance has the same effect as a
+ * softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the roll angle steers the rear wheels into the turn and thus adds
- * gain roll x to alpha_r. x is the lateral specific force after a second-order lag
- * (mode_step in laws.h), and roll x the roll angle. Typical gain 0.03 .. 0.1. */
+/* rear_roll_steer: the roll angle `roll x` steers the rear wheels into the turn, which
+ * adds the angle `gain roll x` to alpha_r. x is the lateral specific force after a
+ * second-order lag (mode_step in laws.h). Typical gain 0.03 .. 0.1. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -135,8 +135,8 @@ static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_re
 }
 
 /* stiffness_drift: all stiffnesses are multiplied by 1 + change share. share increases
- * linearly from 0 at `start` to 1 at `start + time`. A short time makes a step. Typical
- * change 5 .. 15 %: temperature, wear, a different road. */
+ * linearly from 0 at `start` to 1 at `start + time`. With a short `time` the stiffness
+ * steps. Typical change 5 .. 15 %, caused by temperature, wear or a different road. */
 static inline void stiffness_drift_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -175,10 +175,10 @@ static inline void tyre_saturation_grip(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), c->end_rear), shape, &slope));
 }
 
-/* longitudinal_load_transfer: the cornering stiffness is Cf (1 - k (1 + balance) ax)
- * in front and Cr (1 + k (1 - balance) ax) in the rear, at least a tenth of Cf and
- * Cr. ax is the acceleration due to the longitudinal tyre forces. The longitudinal
- * stiffness is unchanged, because the sum of both axles would not change. Typical k
+/* longitudinal_load_transfer: the cornering stiffness is Cf (1 - k (1 + balance) ax) in
+ * front and Cr (1 + k (1 - balance) ax) in the rear, at least a tenth of Cf and Cr. ax is
+ * the acceleration due to the longitudinal tyre forces. The longitudinal stiffness is
+ * unchanged, because load transfer would not change its sum over both axles. Typical k
  * 0.02 .. 0.04 s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
@@ -291,7 +291,7 @@ static inline void imu_lever_arm_sensor(reading *z)
  *
  * Typical gain 3 .. 6 degrees per g, frequency 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 
-/* Return x'' of body_roll.   Given: x, speed  x and x' */
+/* Return x'' of body_roll. Given: x, and its time derivative `speed` */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);

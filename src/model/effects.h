@@ -3,8 +3,10 @@
  *
  * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. A hook is
  * a place in this file where such functions are called. The table of effects gives the
- * hook of each effect. With all effects off, every sum and product is that of vehicle.h,
- * bit for bit. With TSE_NO_EFFECTS, this file has nothing but effect_is_on(). */
+ * hook of each effect. A LAG state is a slip or slip angle that follows its kinematic
+ * value with a first-order lag. With all effects off, every sum and product equals that
+ * of vehicle.h, bit for bit. With TSE_NO_EFFECTS, this file has nothing but
+ * effect_is_on(). */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -55,7 +57,7 @@ typedef struct point {
   tse_real target[4]; /* inputs of the LAG states: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
   stiffness k;
-  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle; plain model: angle and 1 */
+  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle. Plain model: the angle, and 1 */
   tse_real fx_front, fx_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   tse_real fy_front, fy_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   accels force;                  /* specific force at the centre of gravity, and yaw acceleration */
@@ -63,7 +65,7 @@ typedef struct point {
   tse_real gravity_x, gravity_y; /* [m/s2] gravity; it accelerates the car, and the IMU does not measure it */
 } point;
 
-/* Readings of accelerometers and gyro at a point, dt after the last row. */
+/* Readings of accelerometers and gyro at a point. dt is the time since the last row. */
 typedef struct reading {
   const point *pt;
   tse_effect_memory *m; /* memory of the effects; delays store samples in it */
@@ -143,7 +145,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; relaxation lengths of um would exceed it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state. A relaxation length of 1 um would exceed it */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
@@ -240,7 +242,7 @@ static inline void effects_forces(point *pt)
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->car.jf, side) - r_mul(p->car.jr, pt->fy_rear) + pt->g.yaw;
   EFFECTS_BODY(BODY_ON)
-  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* second hook of this effect */
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* in addition to its hook SENSOR */
   if (formula_is_on(e)) formula_body(pt);
 }
 

@@ -129,8 +129,9 @@ static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
   return formula_remembers(f, y, TSE_R(0), TSE_R(0));
 }
 
-/* Return x after a mechanical play of `half` to either side: the previous result if it is
- * within x - half .. x + half, otherwise the nearer of these two limits. */
+/* Return x after a mechanical play (backlash) of `half` to either side. If the previous
+ * result is within x - half .. x + half, return it again. Otherwise return the nearer of
+ * these two limits. */
 static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
 {
   const tse_real wide = r_abs(half), was = f->pt->m->formula[f->used][0];
@@ -175,8 +176,8 @@ static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
   return at + 1;
 }
 
-/* Cases of the switch over the operations, by kind. The operands are the last values of
- * the stack s, whose depth is n. */
+/* Cases of the switch statement over the operations: a macro for each kind of operation.
+ * The operands are the last values of the stack s, whose depth is n. */
 #define FORMULA_OPERANDS_0
 #define FORMULA_OPERANDS_1 s[n - 1]
 #define FORMULA_OPERANDS_2 s[n - 2], s[n - 1]
@@ -206,7 +207,7 @@ static inline tse_real formula_program(formula_run *f)
 
 #endif
 
-/* Return the value of the formula at a point, in the unit of the place to which it is
+/* Return the value of the formula at a point, in the unit of the quantity to which it is
  * added. */
 static inline tse_real formula_at(const point *pt)
 {

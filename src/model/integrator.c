@@ -22,7 +22,8 @@ static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int seca
   return r_abs(v) < w->still[a] ? r_div(w->brake[a], w->still[a]) : TSE_R(0);
 }
 
-/* Compute the time derivative f of the state vector: (1), (2), wheels and LAG states. */
+/* Compute the time derivative f of the state vector, from equations (1) and (2) and from
+ * the equations of the wheels and of the LAG states. */
 static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[STATE_SIZE])
 {
   const wheels *const w = &pt->w;
@@ -49,7 +50,7 @@ typedef struct solver {
   tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
   tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if the wheel speed is an input */
   lateral_block side;
-  /* of each LAG state: 1/(1 + gh rate), b, and gh times stiffness / mass */
+  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness / mass */
   tse_real slow[4], b[4], force[4];
   int lags; /* 1: there are LAG states */
 } solver;
@@ -145,7 +146,8 @@ static void compute_input_drift(const point *at, const acting *to, tse_real ramp
   ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-/* Return whether a brake may stop its wheel within the step; 0 with linear tyres. */
+/* Return whether a brake may stop its wheel within the step. With linear tyres, return
+ * 0. */
 static int may_lock(const point *at, const wheels *w, tse_real h)
 {
   const tse_real v[2] = { at->u.v_front, at->u.v_rear };
@@ -155,7 +157,7 @@ static int may_lock(const point *at, const wheels *w, tse_real h)
   return locks;
 }
 
-/* Compute the point that follows after h, when the state has changed by dx.
+/* Compute the point at the time h after `at`, where the state has changed by dx.
  *   Updated:  b    state and inputs; effects_at() evaluates the other members
  *             end  LAG states at b */
 static void move_point(const point *at, const tse_real lag[4], const tse_real dx[STATE_SIZE],
@@ -176,11 +178,11 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* Compute the change dx of the state within h by ROS2 (vehicle.h). If a wheel may
- * lock, the stages of ROS2 would jump over the change of sign of the brake torque.
- * Then the implicit Euler method is used, with the inputs at the end of h. With the
- * secant of the brake all off-diagonal terms keep their sign, so that no brake torque
- * turns a wheel backwards.
+/* Compute the change dx of the state within h by ROS2 (vehicle.h). If a wheel may lock,
+ * the stages of ROS2 would jump over the change of sign of the brake torque. Then the
+ * implicit Euler method is used, with the inputs at the end of h. A brake enters the
+ * matrix by its secant, torque / v. All off-diagonal terms then keep their sign, so that
+ * no brake torque turns a wheel backwards.
  *   Updated:   at  if a wheel may lock, evaluated with the inputs at the end of h;
  *                  otherwise unchanged
  *   Returned:  dx */

@@ -37,8 +37,8 @@ static inline void sin_cos(tse_real angle, tse_real *s, tse_real *c)
 static inline tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_OF_E, x)); }
 static inline tse_real logarithm(tse_real x) { return r_mul(LN_2, r_log2(x)); }
 
-/* Return exp(-dt/time): what is left after dt of an initial value 1 of a first-order lag
- * with this time constant and input 0. */
+/* Return exp(-dt/time): the output of a first-order lag with this time constant after dt,
+ * if its initial output is 1 and its input is 0. */
 static inline tse_real left_of(tse_real dt, tse_real time)
 {
   return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time)));
@@ -99,8 +99,8 @@ typedef struct planar {
   tse_real x, y;
 } planar;
 
-/* Return the vector (x, y) in axes that are turned to the left by an angle, as those of a
- * steered wheel or of a misaligned IMU. */
+/* Return the components of the vector (x, y) in axes that are turned to the left by an
+ * angle. Examples are the axes of a steered wheel and of a misaligned IMU. */
 static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real cosine)
 {
   /* The second component is -(a - b): gcc 12 fuses a sum and a difference of the
@@ -154,7 +154,8 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* Limit the acceleration that linear tyres produce, to compute load transfer from it. */
+/* Limit an acceleration that linear tyres would produce. Load transfer is computed from
+ * the result. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
 /* Return a^2, the square of the lateral acceleration a if the tyres lose the share k a^2
@@ -168,7 +169,7 @@ static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
 }
 
 /* Return the ratio of the cornering stiffness of an axle with lateral load transfer to
- * that without.
+ * its cornering stiffness without load transfer.
  *   Given:  k       [s4/m2] loss of stiffness / squared lateral acceleration
  *           square  [m2/s4] squared lateral acceleration */
 static inline tse_real compute_side_share(tse_real k, tse_real square)
@@ -176,8 +177,8 @@ static inline tse_real compute_side_share(tse_real k, tse_real square)
   return r_max(TSE_R(1) - r_mul(k, square), MIN_SHARE_LEFT);
 }
 
-/* Return the ratio of the load or stiffness of an axle with longitudinal load transfer to
- * that without.
+/* Return the ratio of the load (or stiffness) of an axle with longitudinal load transfer
+ * to its load (or stiffness) without load transfer.
  *   Given:  more  relative increase before the limit */
 static inline tse_real compute_load_share(tse_real more) { return r_max(TSE_R(1) + more, MIN_SHARE_LEFT); }
 

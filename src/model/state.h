@@ -210,7 +210,7 @@ typedef struct tse_start {
   tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); sd of this mean among the particles */
   tse_real mean_var[3];     /* [1] total variance of this mean */
   tse_real lam[6], gamma, nu;
-  tse_real bias[3], bias_var[3];         /* form 1: [sigma] mean of each bias; [sigma^2] variance */
+  tse_real bias[3], bias_var[3];         /* form 1: mean of each bias [sigma], and its variance [sigma^2] */
   tse_real kept[TSE_KEPT];               /* form 0: saved states, SI units */
   tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: their covariance, in units of the state */
   tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
@@ -252,8 +252,8 @@ typedef struct tse_velocity {
   int32_t has_gyro;           /* 1: gyro was measured; 0: it is the yaw rate of the state */
 } tse_velocity;
 
-/* A hypothetical event. If it has happened, the error of the state is v times the
- * amplitude of the event. */
+/* A hypothetical event. If it has happened, it has caused an error of the state that is v
+ * times the amplitude of the event. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
   tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
@@ -265,12 +265,14 @@ typedef struct tse_event {
 
 /* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
 typedef struct tse_pair {
-  tse_real time;                  /* [s] effective duration of the samples, with forgetting */
-  tse_real mean[2], var[2], both; /* mean and variance of each quantity; covariance of the two */
+  tse_real time; /* [s] effective duration of the samples, with forgetting */
+  /* mean and variance of each quantity, and covariance of the two */
+  tse_real mean[2], var[2], both;
 } tse_pair;
 
-/* Regression for the delay of a second channel behind a first one, with the memory
- * SCALE_TIME (src/filter/plausible.c). */
+/* Sums of a regression that estimates the delay of a second channel relative to a first
+ * one as late / square. Older samples are forgotten with the time constant SCALE_TIME
+ * (src/filter/plausible.c). */
 typedef struct tse_timing {
   tse_real square; /* [m2/s5] time integral of the squared rate of the first channel */
   tse_real late;   /* [m2/s4] `square` times the delay of the second channel */
@@ -286,14 +288,14 @@ typedef struct tse_agreement {
    * square of accel_x, and of accel_x times the rate of the wheel speed */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; delay of yaw_rate behind steering */
-  tse_real lags;              /* [m2/s4] as tse_timing.late, for the delay of accel_y due to side slip */
-  tse_real complete_for;      /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
-  int32_t apart;              /* bit i is 1 if the quantities of pair i disagree; next bits: LATE_ACCEL .. */
-  int32_t off_scale;          /* 1: accelerometers and wheels disagree on the speed */
+  tse_real lags;         /* [m2/s4] like tse_timing.late, for the delay of accel_y that side slip causes */
+  tse_real complete_for; /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
+  int32_t apart;     /* bit i: the quantities of pair i disagree, see is_apart(); next bits: LATE_ACCEL .. */
+  int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of the logarithm of the slip stiffness at the last start or event, without the
- * model error of the longitudinal direction that the state LCX includes. */
+/* Prior of ln(longitudinal stiffness) at the last start or event. The state LCX also
+ * includes the error of the longitudinal model. This prior does not. */
 typedef struct tse_along {
   tse_real mean, var; /* the mean is the value of LCX at that time */
 } tse_along;
@@ -331,12 +333,13 @@ typedef struct tse_kalman {
   tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
   tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
   tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among readings that follow a repeated one */
-  tse_real frozen[TSE_SENSORS + 1]; /* [1] -log2 of the probability that a working channel repeats so often */
-  tse_real agrees_for;              /* [s] time for which the faulty channel has agreed with the prediction */
-  int32_t change_kind;              /* TSE_CHANGE_* */
-  int32_t fault;                    /* 0: no fault, else 1 + TSE_CHANNEL_ */
-  int32_t slow_turn;                /* slow state whose process noise is added next */
-  int32_t road_given;               /* bit 0: longitudinal gravity is given; bit 1: lateral gravity */
+  /* [1] -log2 of the probability that a working channel repeats values so often */
+  tse_real frozen[TSE_SENSORS + 1];
+  tse_real agrees_for; /* [s] time for which the faulty channel has agreed with the prediction */
+  int32_t change_kind; /* TSE_CHANGE_* */
+  int32_t fault;       /* 0: no fault, else 1 + TSE_CHANNEL_ */
+  int32_t slow_turn;   /* slow state whose process noise is added next */
+  int32_t road_given;  /* bit 0: longitudinal gravity is given; bit 1: lateral gravity */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS]; /* posterior probability of each event */
   tse_real none[TSE_GROUPS];   /* posterior probability that no event of the group has happened */
@@ -373,7 +376,7 @@ struct tse_filter {
   tse_real rolled_for;             /* [s] time since the last wheel speed */
   int32_t lost;        /* 1: held_for or rolled_for was too long, and no row has had both signals since */
   tse_real still_for;  /* [s] time since the wheels stopped */
-  tse_real off_for[2]; /* [s] time for which each axle's wheel speed still counts as a separate signal */
+  tse_real off_for[2]; /* [s] remaining time for which each axle's wheel speed counts as a separate signal */
   tse_real ratio;      /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;       /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
@@ -421,7 +424,7 @@ typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_byt
 typedef char tse_filter_paper_has_its_size
     [sizeof(tse_filter_paper) == sizeof(tse_filter_bytes) + sizeof(tse_paper_bytes) ? 1 : -1];
 #if !defined(TSE_NO_EFFECTS)
-/* The public form of tse_sim, as tse/simulate.h declares it. */
+/* The struct tse_sim as programs see it: a copy of its declaration in tse/simulate.h. */
 struct tse_sim_seen {
   tse_params_bytes params;
   tse_sim_input last;

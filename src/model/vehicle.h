@@ -48,9 +48,9 @@ typedef struct stiffness {
   tse_real x_front, x_rear, y_front, y_rear;
 } stiffness;
 
-/* Return the stiffness C = C_nominal (1 + w) for the relative deviations w0 longitudinal
- * front, w1 cornering front, w2 cornering rear. The deviation of the rear longitudinal
- * stiffness is `follow` times w0. */
+/* Return the stiffness C = C_nominal (1 + w). w is the relative deviation: w0 of the
+ * front longitudinal stiffness, w1 of the front and w2 of the rear cornering stiffness.
+ * The deviation of the rear longitudinal stiffness is `follow` times w0. */
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
   stiffness k;
@@ -121,10 +121,11 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
  * step would diverge. */
 #define ROS2 TSE_R(0.29289321881345254)
 
-/* Limits of the motion. They keep a particle finite if it becomes NaN, or if it diverges
- * because a wheel speed jumps or its stiffness is extreme. A magnitude below MIN_MOTION
- * is set to 0: over minutes of straight driving it would decay to denormal numbers. These
- * are slow, and some machines replace them by 0. */
+/* Limits of the motion. They keep a particle finite if its motion becomes NaN, or if the
+ * motion diverges because a wheel speed jumps or the stiffness of the particle is
+ * extreme. A magnitude below MIN_MOTION is set to 0: over minutes of straight driving it
+ * would decay to denormal numbers. These are slow, and some machines replace them by
+ * 0. */
 #define MAX_SPEED TSE_R(200)    /* [m/s] */
 #define MAX_YAW_RATE TSE_R(20)  /* [rad/s] */
 #define MIN_MOTION TSE_R(1e-12) /* [m/s], [rad/s] */
@@ -142,8 +143,8 @@ static inline tse_real vehicle_limit(tse_real v, tse_real max)
  * A step is at most max_step. The fastest rate of the car is that of the damping by the
  * tyres, which is proportional to 1/speed. Step times this rate is at most 1/4: at
  * walking pace, a row in a single step would bias the longitudinal stiffness by 3 %. A
- * speed below hold_speed counts as hold_speed, because no stiffness is updated there. A
- * step is at least an eighth of max_step. */
+ * speed below hold_speed counts as hold_speed, because no stiffness is updated below
+ * hold_speed. A step is at least an eighth of max_step. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(

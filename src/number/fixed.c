@@ -1,5 +1,5 @@
-/* number/fixed.c - r_mul, r_div and r_sqrt of number/real_ops.h, for fixed-point builds
- * in which they are called instead of inlined (TSE_FIXED_CALLS). */
+/* number/fixed.c - compile r_mul, r_div and r_sqrt of number/real_ops.h as functions, for
+ * fixed-point builds that call them instead of inlining them (TSE_FIXED_CALLS). */
 #include "number/real_ops.h"
 
 typedef int tse_fixed_is_inline; /* C allows no empty translation unit */

@@ -3,16 +3,16 @@
  *
  * Room for sums: `+` and `-` are native and do not detect overflow. All other results
  * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t, so that fifteen
- * results can be added. The longest sums, over the states of the filter, have 23 terms.
- * Their terms are kept far smaller (MAX_SLOPE in filter/limits.h, state_max in
+ * results can be added. The longest sums have 23 terms, one for each state of the filter.
+ * Their terms are kept far below FIXED_MOST (MAX_SLOPE in filter/limits.h, state_max in
  * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
  * the filter restarts.
  *
- * The code is portable C: a product is computed from four products of 32-bit halves.
- * If the compiler has 128-bit integers, it uses them, with the same results and in
- * less time. A Cortex-M0 uses 16-bit products. Two properties of the compiler are
- * checked: right shifts of negative numbers are arithmetic, and conversion to a
- * signed type keeps the bits. */
+ * The code is portable C: a product is computed from four products of 32-bit halves. With
+ * a compiler that has 128-bit integers, the code uses these instead, which takes less
+ * time and gives the same results. On a Cortex-M0 it uses 16-bit products. Two properties
+ * of the compiler are checked: right shifts of negative numbers are arithmetic, and
+ * conversion to a signed type keeps the bits. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -54,12 +54,13 @@ static inline int64_t fixed_saturate(int64_t x)
 #if defined(TSE_FIXED_QUARTERS)
 #define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
 #if defined(__GNUC__)
-/* A function that is not inlined, so that its callers need fewer registers. */
+/* Attribute of a function that the compiler must not inline, so that its callers need
+ * fewer registers. */
 #define FIXED_APART __attribute__((noinline, unused))
 #endif
 
 /* Return the upper 32 bits of the product a b.
- *   Returned:  *middle  its lower 16 bits are the bits 16 .. 31 of the product */
+ *   Returned:  *middle  word whose lower 16 bits are the bits 16 .. 31 of the product */
 static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
 {
   const int32_t ah = a >> 16, bh = b >> 16, al = FIXED_LOW(a), bl = FIXED_LOW(b);
@@ -227,8 +228,8 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 }
 
 /* Return (hi 2^64 + lo)/d rounded down, for hi < d. The quotient has two digits to base
- * 2^32, computed as in fixed_divide_word(). Division by d1, the leading digit of d, is a
- * product with its reciprocal (Moeller & Granlund 2011).
+ * 2^32, computed as in fixed_divide_word(). Instead of dividing by d1, the leading digit
+ * of d, it multiplies by the reciprocal of d1 (Moeller & Granlund 2011).
  *   Returned:  *rest  remainder */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
@@ -297,10 +298,11 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
 }
 
 /* Return the square root of a number of the format, rounded to nearest; 0 for x <= 0. It
- * is the integer root of x 2^FIXED_BITS, and its number of digits doubles in each step:
- * 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The digits so far are the upper
- * half. The lower half is the remainder divided by twice the upper half, less 1 if the
- * square of the result is too large. */
+ * is the integer root of x 2^FIXED_BITS. Each step doubles the number of known bits of
+ * the root: 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The bits that are
+ * known before a step are the upper half of the new root. The lower half is the remainder
+ * divided by twice the upper half. If the square of this root is too large, 1 is
+ * subtracted from the root. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;

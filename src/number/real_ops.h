@@ -97,7 +97,7 @@ static inline uint32_t r_single_bits(tse_setting x)
 }
 
 /* Definitions that differ between float and double: layout of the bits, square root, and
- * the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
+ * the polynomial approximations of r_log2, r_exp2, r_sincos_turn and r_atan2. */
 #if defined(TSE_REAL_FLOAT)
 typedef uint32_t real_bits;
 #define REAL_FRACTION 23                /* bits of a significand, without its leading 1 */
@@ -140,7 +140,7 @@ typedef uint64_t real_bits;
 #define REAL_INFINITY 0x7ff0000000000000u
 #define REAL_ROOT_HALF 0x00195f619980c433u
 #define REAL_MOST_INT 2147483647.0
-#define REAL_UNIFORM 1 /* SSE2 converts signed integers only */
+#define REAL_UNIFORM 1 /* low bits of a random word to drop: SSE2 converts signed integers only */
 static inline tse_real r_sqrt(tse_real x) { return sqrt(x); }
 static inline tse_real evaluate_log2_series(tse_real z)
 {
@@ -244,9 +244,9 @@ static inline tse_real r_exp2(tse_real x)
 
 /* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 they are
  *   sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2).
- * P and Q are polynomials in -v^2, because all their coefficients are then positive, so
- * that they have only additions. Where additions and subtractions alternate, gcc 12 fuses
- * them with multiplications (FMA), in spite of -ffp-contract=off. */
+ * P and Q are polynomials in -v^2, so that all their coefficients are positive and their
+ * evaluation needs no subtraction. Reason: where additions and subtractions alternate,
+ * gcc 12 fuses them with multiplications (FMA), in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -316,8 +316,8 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Round to nearest, ties to even. The result is exact for settings that TSE_S() makes of
- * magnitudes of 2^-8 or more. */
+/* Return the bits of x as an IEEE single, rounded to nearest, ties to even. If TSE_S()
+ * has made the setting and its magnitude is at least 2^-8, x is exactly a single. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);

@@ -28,9 +28,9 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop processes together, element by element: a divisor of the
- * number `rows`. These rows are multiplied by the same row. On a core without vector
- * instructions, each element of the same row is then loaded only once. */
+/* Number of rows that one loop multiplies by the same row, element by element. It divides
+ * the total number `rows`. On a core without vector instructions, a loop over several
+ * rows loads each element of the common row only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -88,7 +88,8 @@ static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)
 
 /* Elements of a transition matrix ("slopes") in units of the state, and their
  * products with rows:
- *   r_slope_in_units  x to/over, limited to +-max. Factors: r_unit(), r_over_unit()
+ *   r_slope_in_units  x to/over, limited to +-max; `to` is made by r_unit(), `over` by
+ *                     r_over_unit()
  *   r_short_over      x/over for an element of a row, limited to +-max
  *   r_slope_sums      to[i, b] += sum of slope[i, j] x[b, j] over n elements j, for each
  *                     of `rows` rows i of slopes, which are `stride` apart, and each of
@@ -112,7 +113,7 @@ static inline void r_slope_sums(
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Return row x in the form in which r_sum() takes its argument `row`.
+/* Return row x in the form that the argument `row` of r_sum() must have.
  *   Given:     room    memory for the row in this form
  *   Returned:  *right  shift of the row in this form */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
@@ -319,7 +320,7 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
 
 /* Return the shift by which a row is scaled. r_scale_of() scales the largest of n numbers
  * to about an eighth of the range of a tse_short. r_scale_of_variance() scales the square
- * root of a variance to a tenth or more. */
+ * root of a variance to a tenth of this range or more. */
 static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;
@@ -415,8 +416,8 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return from + fixed_shifted(sum, SHORT_BITS + right);
 }
 
-/* Return a factor whose magnitude is below 1/2, in units of 2^-32. The digits that are
- * shifted out change a row by less than an eighth of a step. */
+/* Return a factor whose magnitude is below 1/2, in units of 2^-32. The bits that are
+ * shifted out would change an element of a row by less than an eighth of its unit. */
 static inline int32_t convert_small_factor(r_factored a)
 {
   return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
@@ -438,10 +439,10 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
   return saturate_short(y + more);
 }
 
-/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below
- * 16 in magnitude, so that the sum of 32 products with a row is below 2^62. The
- * units of the states are at most 1, and those of the motion, by which r_over_unit()
- * divides, at least 2^-8. */
+/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below 16 in
+ * magnitude, so that the sum of 32 products with a row is below 2^62. The unit of a state
+ * is at most 1. r_over_unit() divides by units of the motion only, and these are at least
+ * 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
