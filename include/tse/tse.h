@@ -145,7 +145,7 @@ void tse_input_default(tse_input *u);
 tse_status tse_input_check(const tse_input *u, const char **wrong);
 
 /* Advance the filter to the time of this row and use its measurements.
- *   Given:     p  the parameters with which f was reset
+ *   Given:     p  the same constants as in the call of tse_reset() for f
  *              u  one row, in SI units and axes of ISO 8855
  *   Updated:   f  unchanged, bit for bit, if the result is negative
  *   Returned:  y  estimates at this row; may be NULL; unchanged if the result is negative

@@ -84,7 +84,7 @@ class Token:
 
 
 def read_tokens(text: str) -> Iterator[Token]:
-    """Yield the tokens of a C source, with spaces, comments and directives."""
+    """Yield the tokens of a C source. Spaces, comments and directives are tokens, too."""
     for m in TOKEN.finditer(text):
         yield Token(str(m.lastgroup), m[0], m.start())
 
@@ -143,7 +143,7 @@ def parse_declaration(row: list[Token]) -> Declaration:
 
 
 def find_macros(text: str) -> list[str]:
-    """Return the macros that are defined at the end of a source, in order of definition.
+    """Return the macros that are still defined at the end of a source, in their order.
 
     Conditions of the preprocessor are not evaluated: both branches count.
     """
@@ -192,7 +192,7 @@ def make_static(text: str, public: set[str]) -> str:
 
 
 class Amalgamation:
-    """The texts of tse.h and tse.c. `defaults`: build options that hold by default."""
+    """Makes the texts of tse.h and tse.c. `defaults`: default values of build options."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
@@ -213,7 +213,7 @@ class Amalgamation:
         text = FORMATTER.sub("", (ROOT / "include" / name).read_text())
 
         def put(m: re.Match[str]) -> str:
-            if not m[1].startswith("tse/"):  # a header of the tests that replaces tse_real
+            if not m[1].startswith("tse/"):  # a header of the tests with another type tse_real
                 return '#error "TSE_REAL_STRONG is for the tests of the library\'s own sources"\n'
             return self.copy_public_header(m[1])
 
@@ -266,7 +266,7 @@ class Amalgamation:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
             if re.fullmatch(r"paper/.*\.c", name):
                 whole = f"\n#if !defined(TSE_NO_PARTICLES)\n{whole}\n#endif /* TSE_NO_PARTICLES */\n"
-            if name == "host/describe.c":  # a linker cannot remove its texts from a single object file
+            if name == "host/describe.c":  # TSE_NO_DESCRIBE leaves out its tables
                 whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
             text += whole
         return self.format_head("tse.c", "") + PROLOGUE + text

@@ -17,8 +17,8 @@ from pathlib import Path
 from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
-# unit of each stiffness in the Python API. In the C library, stiffnesses have no unit:
-# they are relative to their nominal values
+# Key: stiffness. Value: its unit in the Python API. In the C library, stiffnesses have no
+# unit: they are relative to their nominal values.
 UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}
 HEAD = '''\
 """Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""
@@ -33,7 +33,7 @@ from tse._base import EstimateBase
 '''
 
 
-WIDTH = 90  # max columns of a docstring, of which indent and quotes take ten
+WIDTH = 90  # max columns of a docstring line, including ten for indent and quotes
 
 
 def format_docstring(text: str, unit: str = "") -> str:

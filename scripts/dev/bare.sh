@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Run the two commands of README, scripts/demo.sh and scripts/test.sh, as a new user does:
-# on a Debian 12 that has a C compiler, CMake and Python, and nothing else. If a script
-# forgets to install a tool, it fails here, but not on a developer's machine.
+# on a Debian 12 that has a C compiler, CMake and Python, and nothing else. A script that
+# forgets to install a tool fails here. On a developer's machine it would not fail,
+# because the tool is there already.
 #
 #   scripts/dev/bare.sh [COMMAND ...]
 #       run these commands instead

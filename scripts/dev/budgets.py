@@ -45,9 +45,9 @@ OPTIONS = (
 )
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
-CALIBRATION = 200_000  # instructions in the loop of known length, which checks the count
-# [bytes] assumed stack of a function of libc or libgcc, for which the compiler writes no
-# stack usage. memcpy and sqrt need less
+CALIBRATION = 200_000  # instructions in the loop of known length that checks the count
+# [bytes] assumed stack of a function of libc or libgcc. The compiler does not report the
+# stack of these functions. memcpy and sqrt need less.
 EXTERNAL = 64
 
 
@@ -56,13 +56,13 @@ class Measured:
     """Cost of a row on one target, and its limits."""
 
     name: str
-    limits: dict[str, dict[str, float]]  # quantity of QUANTITIES: its `goal` and `limit`
+    limits: dict[str, dict[str, float]]  # key: quantity of QUANTITIES; value: `goal`, `limit`
     skipped: str = ""  # reason if the target was not measured, otherwise ""
     unfit: str = ""  # reason if the program does not fit into the memory, otherwise ""
-    values: dict[str, float] = field(default_factory=dict)  # quantity of QUANTITIES: its value
-    # kind of rows: number of rows, mean and maximum number of instructions
+    values: dict[str, float] = field(default_factory=dict)  # key: quantity of QUANTITIES
+    # key: kind of rows; value: number of rows, mean and maximum number of instructions
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
-    stacks: dict[str, int] = field(default_factory=dict)  # method of measuring: stack [bytes]
+    stacks: dict[str, int] = field(default_factory=dict)  # [bytes] key: method of measuring
 
     def list_exceeded(self) -> list[str]:
         """Return a message for each limit that is exceeded."""
@@ -210,7 +210,7 @@ class Flash:
 
 
 def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
-    """Build the library with the definitions of a row; return its flash."""
+    """Build the library with the definitions of a row. Return its size in flash."""
     machine = next(x for x in m.list_machines() if x.name == "Cortex-M4F")
     if machine.find_missing():
         return Flash(row)

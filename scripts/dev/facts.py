@@ -26,7 +26,8 @@ RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
 # Key: name of a table in scripts/results. Value: number of runs of each case, name of the
-# study of `tselab montecarlo`, and its cases that are run; without the last: all cases
+# study of `tselab montecarlo`, and the cases of the study to run. If no cases are given,
+# all are run.
 STUDIES = {
     "accuracy": (24, "accuracy"),
     "stress": (24, "stress"),

@@ -33,8 +33,8 @@ FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
 # the seed of the drive. Different rounding changes it as much as a different seed.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 # limits of the change from double to fixed point:
-# rms: [% of the RMS error in double] increase of the RMS error
-# valid: [percentage points] change of the share of valid rows
+# rms: [% of the RMS error in double] max increase of the RMS error
+# valid: [percentage points] max change of the share of valid rows
 LIMIT = {"rms": 5.0, "valid": 3.0}
 # CMake options of the smallest build: lateral motion alone, without particles
 SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")

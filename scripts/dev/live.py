@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "live.md"
 GROUP, PORT = "239.74.163.2", 43113
-PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # by number of the Linux scheduling policy
+PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # key: Linux scheduling policy
 NAMES = {"cy_front": "front, in bends", "cy_rear": "rear, in bends", "cx_front": "front, along"}
 
 import can  # noqa: E402
@@ -72,7 +72,7 @@ def send(path: Path, delay: float) -> None:
 
 
 def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
-    """Run `tselab estimate` on a log, with further options. Return the estimates."""
+    """Run `tselab estimate` on a log. Return the estimates. `more`: further options."""
     out = log.with_suffix(".again.csv")
     words = [*TSELAB, "estimate", log, "--vehicle", car, "--no-calibrate", "--out", out, *more]
     subprocess.run(
@@ -84,8 +84,9 @@ def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
 def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str]:
     """Run `tselab live` while a second process sends the frames of a log.
 
-    Return the summary that the command prints, as a match with these groups: number of
-    frames, number of rows, rows a second, delay [ms]: median, 99 %, maximum."""
+    Return a match for the summary that the command prints. Its groups are the number of
+    frames, the number of rows, the rows a second, and the median, the 99 % quantile and
+    the maximum of the delay [ms]."""
     sender = subprocess.Popen([sys.executable, __file__, "--send", str(log)], env=ENV)
     words = [*TSELAB, "live", "--interface", "udp_multicast", "--channel", GROUP, "--bus", f"port={PORT}"]
     words += ["--database", str(folder / "car.dbc"), "--vehicle", str(car)]

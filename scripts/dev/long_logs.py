@@ -29,7 +29,7 @@ import log_formats as formats  # noqa: E402  (functions of tests/lab that write 
 def write_own_csv(folder: Path, parts: list[formats.Message]) -> Path:
     """Write the drive as a CSV with the column names and units of tse. Return its path.
 
-    The CSV is as long as `parts`, the messages of the log in other formats."""
+    `parts`: messages of the log in the other formats; the CSV has the same duration."""
     path = folder / "log.csv"
     table = formats.make_drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
     for k in range(round(len(parts[-1].time) / len(table))):

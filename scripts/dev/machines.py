@@ -29,8 +29,9 @@ DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 # Flags with which CMakeLists.txt compiles the library. Simple compilers such as tcc do
 # not accept them.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-# [s] limit of processor time. The slowest program, which computes double in software on
-# an emulated M3, needs one minute: a program that exceeds ten minutes is hanging.
+# [s] limit of processor time. The slowest program computes double in software on an
+# emulated M3 and needs one minute. A program that needs more than ten minutes therefore
+# will never end.
 MAX_SECONDS = 600
 
 
@@ -50,7 +51,7 @@ def find_golden_file(real: str) -> Path:
 
 
 def read_golden(real: str) -> dict[str, str]:
-    """Return the hashes that tests/replay/update.py has written. The key is the run.
+    """Return the hash of each run that tests/replay/update.py has written, by run name.
 
     The name of a run consists of the filter and the method of resampling."""
     return {
@@ -95,8 +96,8 @@ class Machine:
     link: tuple[str, ...] = ("-lm",)  # flags of the linker
     refused: bool = False  # True: the library must refuse to compile with these flags
     known: tuple[str, ...] = FLAGS  # flags in FLAGS that the compiler accepts
-    # number formats that the short run tests on this machine; empty: the short run leaves
-    # it out. Over all machines, the short run covers each byte order, word size and
+    # number formats that the short run tests on this machine; (): it leaves this machine
+    # out. The machines of the short run cover every byte order, word size and
     # compiler.
     short: tuple[str, ...] = ()
 
@@ -316,7 +317,7 @@ class Work:
     """A folder for builds, with the sources that all of them share."""
 
     folder: Path
-    made: set[str] = field(default_factory=set)  # "sources", after they are written
+    made: set[str] = field(default_factory=set)  # contains "sources" once they are written
 
     def write_sources(self) -> Path:
         """Write the shared sources at the first call. Return their folder."""
@@ -336,7 +337,7 @@ class Failed(Exception):
 
 
 def explain_misfit(text: str) -> str:
-    """Return the reason if an error means that a program is too large, otherwise "".
+    """If an error means that a program is too large, return a reason, otherwise "".
 
     `text`: output of the linker or the program."""
     overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
@@ -346,7 +347,9 @@ def explain_misfit(text: str) -> str:
 
 
 def limit_time() -> None:
-    """Limit the processor time of this process. Elapsed time would depend on the load."""
+    """Limit the processor time of this process.
+
+    Elapsed time is not limited, because it depends on the load of the host."""
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_SECONDS, MAX_SECONDS))
 
 

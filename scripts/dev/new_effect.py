@@ -7,9 +7,9 @@
 Then everything builds, and two tests fail: the new test until you write the formula, and
 the test of look-alikes until the table row names at least one. CONTRIBUTING.md, "Add an
 effect", explains each part. Simulator and replay call the new function. The filters do
-not call it. They use a CONSTANT effect nevertheless, because they read the settings that
-it changes. If the name exists or a value is not allowed, the script writes nothing,
-prints the reason and ends with exit code 2. It needs Python only.
+not call it. A CONSTANT effect acts on the filters nevertheless, because it changes
+settings that they read. If the name exists or a value is not allowed, the script writes
+nothing, prints the reason and ends with exit code 2. It needs Python only.
 """
 
 import argparse

@@ -6,7 +6,7 @@
     .venv/bin/python scripts/dev/page.py --out FILE
         write the page to a different file
     .venv/bin/python scripts/dev/page.py --without-npm
-        build the page as on a machine without npm: it reads CSV only, and says that
+        build the page as on a machine without npm: it reads CSV only, and says so
     .venv/bin/python scripts/dev/page.py --ship
         write docs/try.html, which is in git, for users without a compiler
     .venv/bin/python scripts/dev/page.py --check
@@ -61,8 +61,8 @@ ROAD = (30.0, 0.7)
 SEED = 1
 
 
-# Max number of rows that the page checks for contradicting channels: 22 minutes at 100
-# Hz. There is a limit because the page does not respond during the check.
+# Max number of rows in which the page searches for channels that contradict each other:
+# 22 minutes at 100 Hz. There is a limit because the page does not respond meanwhile.
 MAX_CHECKED_ROWS = 1 << 17
 
 
@@ -148,7 +148,7 @@ def compile_wasm(cc: list[str] | None = None) -> bytes:
     write_library()
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or find_compilers()[0]
-    libc = ROOT / "tests" / "embedded" / "wasm"  # functions of a C library that compilers call
+    libc = ROOT / "tests" / "embedded" / "wasm"  # C functions that compiled code calls
     of = [
         repr((cc, FLAGS, LINK)).encode(),
         run_command([*cc, "--version"]).encode(),

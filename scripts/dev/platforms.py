@@ -78,7 +78,7 @@ def list_options(machine: m.Machine) -> list[str]:
 def find_reason(text: str) -> str:
     """Return the reason for a failed run: the line of its output that states the error.
 
-    If the output says that the program is too large, return why the run is skipped."""
+    If the program is too large for the machine, return "skipped: " and the reason."""
     if why := m.explain_misfit(text):
         return f"skipped: {why} ({STACK:,} B)" if "stack" in why else f"skipped: {why}"
     lines = [
@@ -111,7 +111,7 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
 
 
 def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
-    """Return a hash of everything that changes a result.
+    """Return a hash of everything on which a result depends.
 
     This is sources, drive, golden hashes, compiler, emulator and flags."""
     files = [work.write_sources() / name for name in ("tse.c", "tse.h", "rows.h")]
@@ -129,7 +129,7 @@ def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
 
 
 def list_results(only: str, short: bool) -> list[Result]:
-    """Return an empty result for each machine and format to run.
+    """Return a Result without a verdict for each machine and format to run.
 
     Emulated machines come first, because no preset of CMake runs them."""
     out = []

@@ -17,12 +17,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 90
-LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # folders whose files studies write
+LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # files in these folders are generated
 ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")  # start of a list item
 ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")  # code, link or formula, or a character
 # words that Markdown would read as markup at the start of a line
 MARKUP = re.compile(r"(?:[-+*]|#{1,6}|\d+[.)]|=+|!!!|\?{3}|:::)$|[>|]|~~~|```")
-WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # start of a line without prose
+WHOLE = re.compile(
+    r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)"
+)  # start of a line that is not prose
 
 
 def split_words(text: str) -> list[str]:
@@ -55,10 +57,10 @@ def wrap(text: str, first: str, rest: str) -> list[str]:
 
 
 def find_end(line: str, is_first: bool) -> str:
-    """If this line starts a part without prose, return the mark that ends the part.
+    """If this line starts a part that is not prose, return the mark that ends the part.
 
     For example, a line "```c" starts a code block, which ends with "```". If the line
-    starts no such part, return "". `is_first`: the line is the first of the file."""
+    does not start such a part, return "". `is_first`: it is line 1 of the file."""
     stripped = line.strip()
     if stripped.startswith(("```", "~~~")):
         return stripped[:3]
@@ -72,7 +74,7 @@ def find_end(line: str, is_first: bool) -> str:
 def read_blocks(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
     """Yield the parts of a page as pairs (is_prose, lines).
 
-    A part is a paragraph, a list item, or a line without prose."""
+    A part is a paragraph, a list item, or a line that is not prose."""
     end = ""
     block: list[str] = []
     for i, line in enumerate(lines):

@@ -4,7 +4,7 @@
 
 Prints N places of the sources, each with the lines of code around it. The reader says in
 one sentence what each text means, and whether it had to be read twice. --skip leaves out
-the places that earlier seeds with the same N have drawn.
+places that earlier calls have drawn, given by their seeds. They must have had the same N.
 """
 
 import argparse

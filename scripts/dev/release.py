@@ -66,8 +66,8 @@ class Release:
         Failed
             The exit code is not 0.
         """
-        # kept between releases, because zig takes a minute to compile the C library of a
-        # system
+        # This cache is kept for later releases, because zig needs a minute to compile the
+        # C library of a platform.
         cache = str(ROOT / "build" / "zig-cache")
         env = {
             k: v
@@ -263,7 +263,8 @@ def make_release(
     """
     commit = run_git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
-    # the path differs in each call; --twice therefore shows that no byte depends on it
+    # The path differs in each call. --twice therefore also checks that no byte of the
+    # release depends on the path.
     with tempfile.TemporaryDirectory(prefix="release-", dir=ROOT / "build") as work:
         export = Path(work) / "tse"
         export.mkdir()

@@ -26,7 +26,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # name space of the serial numbers
+SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # UUID namespace of the serial numbers
 # name, version and licence of the third-party sources in the folder sources/ of an FMU
 IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")
 
@@ -34,8 +34,8 @@ IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")
 def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
     """Return, for each package of a lock file, its version and the packages that need it.
 
-    If the file has different versions for different Pythons, the version is the last one,
-    which is the newest.
+    If the file has different versions of a package for different Pythons, return the last
+    one in the file, which is the newest.
     """
     found: dict[str, tuple[str, set[str]]] = {}
     name = ""
@@ -49,7 +49,7 @@ def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
 
 
 def find_required(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
-    """Return the rows of read_pins() for the packages `direct` and their dependencies."""
+    """Return the entries of read_pins() for the packages `direct` and what they need."""
     all_of_them = read_pins(lock)
     names, before = set(direct) & set(all_of_them), set()
     while names != before:

@@ -4,15 +4,16 @@
 #   scripts/dev/soak.sh [ROWS]
 #       Run the default filter on drives with events (tests/fuzz/soak.c). Fail if an
 #       estimate is not finite, if tse_filter_check() refuses a state, if the filter
-#       recovers without a cause, or if the mean error exceeds the interval in drives
-#       without an event or with late rows. Default: 10,000,000 rows, two minutes on one
-#       core. Writes scripts/results/soak.md.
+#       restarts its state (TSE_W_RECOVERED) although there was no event in the last 15 s,
+#       or, in drives without an event or with late rows, if the mean error exceeds the
+#       confidence interval. Default: 10,000,000 rows, two minutes on one core. Writes
+#       scripts/results/soak.md.
 #   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
 #       Run all filters on long random drives with random settings (tests/fuzz/drives.c),
 #       in double, float, fixed point and the small build. Fail if a number is out of
-#       range, if a state is refused, if an age does not grow, or if an estimate depends
-#       on whether outputs were computed. Default: 10,000,000 rows in each build, 15
-#       minutes on one core. Writes scripts/results/drives.md.
+#       range, if tse_filter_check() refuses a state, if an age does not grow, or if an
+#       estimate depends on whether the caller asked for outputs. Default: 10,000,000 rows
+#       in each build, 15 minutes on one core. Writes scripts/results/drives.md.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 

@@ -42,7 +42,7 @@ CASES = (
     ("stress", "stuck-accel_y"),
     ("regimes", "slow-20"),
 )
-# results on calibrated cars: columns of the table
+# columns of the table with results on calibrated cars
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
 FACTORS = (0.5, 2.0)  # factors by which each constant is multiplied, one after the other
 
@@ -88,12 +88,11 @@ def build_library(name: str, factor: float) -> Library:
 
 
 def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
-    """Run the filter on a drive. Return RMS error [%] and coverage [%] of the
-    stiffnesses.
+    """Run the filter on a drive. Return RMS error and coverage [%] of each stiffness.
 
-    Rows are those in the score windows of the case. Coverage is the share of rows in
-    which the 95 % interval contains the true stiffness. `lib` None: the unchanged
-    library.
+    Only rows in the score windows of the case count. Coverage is the share of rows in
+    which the 95 % interval contains the true stiffness. If `lib` is None, the
+    unchanged library is used.
     """
     settings = {**INITIAL_SETTINGS, **d.about}
     config = Config.exact(settings, lib=lib)
@@ -105,7 +104,7 @@ def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarr
 
 
 def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
-    """Return the ratio of the RMS errors `now` to `base`, with `*` if it is significant.
+    """Return the RMS error of `now` / that of `base`, with `*` if it is significant.
 
     Errors of all runs and stiffnesses are pooled. The ratio is significant if its 95 %
     interval, a bootstrap over the runs, does not contain 1.

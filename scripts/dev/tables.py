@@ -46,8 +46,8 @@ CONFIG = (
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
-# In these tables, some settings are for one filter only. Their text gets the suffix in
-# ONLY; the key is the value of the setting's column `filter`.
+# In these tables, some settings act in one filter only. ONLY has the suffix that is added
+# to the text of such a setting. Its key is the value of the setting's column `filter`.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; default filter", "paper": "; paper's filter"}
 # First part of the sentence on how the filters use an effect. The key is the value of the
@@ -78,7 +78,7 @@ def read_settings(name: str) -> dict[str, Row]:
     default: value in tse_config_default(), an ordinary car;
     exact: value in tse_config_exact(), a car that is known exactly;
     whole: True if the setting is an integer;
-    filter: filters whose estimate the setting changes; "both" if the file has no value.
+    filter: filters whose estimates depend on the setting; "both" if the file has none.
     """
     table = read(name)
     if name == "formula":
@@ -257,7 +257,7 @@ def list_output_members() -> list[str]:
 
 
 def list_hashed_outputs() -> list[str]:
-    """Return the outputs over which tests compute the hash of a recorded drive.
+    """Return the outputs that are part of the hash that tests compute for a drive.
 
     estimate_age is left out: it is always 0 in these drives, which have no late channel.
     """
@@ -298,9 +298,9 @@ def list_constants() -> list[str]:
 
 
 def list_config_groups() -> list[str]:
-    """Return constants: first index and number of the settings of some tables.
+    """Return C constants: first index and number of the settings of some tables.
 
-    An index counts the settings of one type, real or integer, in tse_config."""
+    Real and integer settings of tse_config are counted separately, each from 0."""
     parts = []
     reals = [n for n, r in read_config().items() if not r["whole"]]
     wholes = [n for n, r in read_config().items() if r["whole"]]
@@ -424,7 +424,7 @@ def list_operations() -> Iterator[str]:
 def read_truths() -> list[tuple[str, str, str, Row]]:
     """Return group, name, member and row of each column with a true value.
 
-    Only a simulated row has such columns."""
+    Only rows of the simulator have such columns, not rows of a log."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
@@ -544,7 +544,9 @@ def define_internal_names() -> Iterator[str]:
             yield from (f"#define {name} TSE_NAME(tse_{name})" for name in internal)
 
 
-REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # NAME of a part: function that returns its lines
+REGIONS: dict[
+    str, Callable[[], Iterable[str]]
+] = {  # key: NAME of a part; value: function that returns its lines
     "settings_lists": list_settings,
     "output_members": list_output_members,
     "hashed_outputs": list_hashed_outputs,

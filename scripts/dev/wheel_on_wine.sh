@@ -32,7 +32,7 @@ windows=(--quiet --disable-pip-version-check --upgrade --target "$work/site"
   pytz tzdata
 .venv/bin/python -m pip install "${windows[@]}" "$wheel"
 here=$(PYTHONPATH=scripts .venv/bin/python tests/package/replay_api.py)
-# standard error is a pipe here: under wine 8, Python ends at once if it is a file
+# Standard error must be a pipe: if it is a file, Python exits at once under wine 8.
 there=$(WINEPREFIX=$work/prefix WINEARCH=win64 WINEDEBUG=-all \
   wine "$work/python/python.exe" tests/package/replay_api.py "$work/site" \
   </dev/null 2> >(cat >"$work/stderr.txt") | tr -d '\r' | tail -n 1)

@@ -162,8 +162,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   const tse_status refused = check_rows(log, rows, s, wrong);
-  if (refused < 0 || rows <= 0)
-    return refused; /* without rows there is nothing to do, and s is not checked */
+  if (refused < 0 || rows <= 0) return refused; /* without rows, nothing is done and s is not checked */
 
   tse_params car = *p;
   tse_effect_memory m;

@@ -164,8 +164,8 @@ static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES
   return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Return whether the motion depends on state or parameter j. Biases and the error of the
- * front wheel radius change only the readings of sensors. */
+/* Return whether the motion of the car depends on the state or parameter with index j.
+ * Biases and the error of the front wheel radius change only the readings of sensors. */
 static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
 /* Add `more` to the derivative in column j of the row, if this build has column j. */

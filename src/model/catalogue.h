@@ -1,6 +1,6 @@
 /* model/catalogue.h - the effects of src/tables/effects.toml that act in the model, in
  * the order of that table. The comment of an effect gives its equation and its typical
- * size. Its functions are named after its hooks.
+ * size. The functions of an effect are named <effect>_<hook>().
  *
  * Only effects.h includes this file, after it has declared `point` and `reading`. The
  * effects on settings (hook CONSTANT) are in effects_constant.h. delta is the steering
@@ -52,10 +52,10 @@ static inline tse_real steering_lag_input(
  * axes the front wheel has the velocity
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
  * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is LOW_SPEED. Its
- * slip angle is atan(-v_y/|v_x|). The slip angle of the rear wheel is atan((lr r -
- * vy)/|vx|). The front forces are turned by d. share = 0 is the plain model, 1 the exact
- * one. A share between 0 and 1 interpolates linearly between the two, because tests of
- * this effect need the derivative with respect to share at 0. */
+ * slip angle is atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The
+ * front forces are turned by d. share = 0 is the plain model, 1 the exact one. A share
+ * between 0 and 1 interpolates linearly between the two, because tests of this effect
+ * need the derivative with respect to share at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -74,10 +74,10 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the moment of the front lateral force turns the wheels back by c n
- * C alpha. c is angle / moment, n the trail and C the cornering stiffness. With alpha_0
- * as the slip angle of rigid steering, alpha = alpha_0 - c n C alpha, and thus alpha =
- * alpha_0/(1 + c n C). C is the stiffness before the STIFFNESS effects, so that
+/* steering_compliance: the moment of the front lateral force turns the wheels back by the
+ * angle c n C alpha. c is angle / moment, n the trail and C the cornering stiffness. If
+ * alpha_0 is the slip angle with rigid steering, alpha is alpha_0 - c n C alpha, and
+ * therefore alpha_0/(1 + c n C). C is the stiffness before the STIFFNESS effects, so that
  * saturation does not reduce the moment. A linear compliance has the same effect as a
  * softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)

@@ -54,7 +54,7 @@ typedef struct point {
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
   slips s;            /* slips and slip angles; a tyre force is stiffness times slip */
-  tse_real target[4]; /* inputs of the LAG states: slip angles front, rear, slips front, rear */
+  tse_real target[4]; /* values that the LAG states follow: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
   stiffness k;
   tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle. Plain model: the angle, and 1 */
@@ -145,7 +145,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state. A relaxation length of 1 um would exceed it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state. A length of 1 um would exceed it */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
@@ -242,7 +242,8 @@ static inline void effects_forces(point *pt)
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->car.jf, side) - r_mul(p->car.jr, pt->fy_rear) + pt->g.yaw;
   EFFECTS_BODY(BODY_ON)
-  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* in addition to its hook SENSOR */
+  /* body_roll has a function of hook BODY in addition to that of its hook SENSOR */
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt);
   if (formula_is_on(e)) formula_body(pt);
 }
 

@@ -97,7 +97,7 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
   return m;
 }
 
-/* Solve (1 - gh J) k = f. */
+/* Solve (1 - gh J) k = f for k. */
 static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STATE_SIZE])
 {
   const tse_params *const p = m->at->p;
@@ -146,8 +146,8 @@ static void compute_input_drift(const point *at, const acting *to, tse_real ramp
   ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-/* Return whether a brake may stop its wheel within the step. With linear tyres, return
- * 0. */
+/* Return whether a brake may stop its wheel within the step; always 0 with linear
+ * tyres. */
 static int may_lock(const point *at, const wheels *w, tse_real h)
 {
   const tse_real v[2] = { at->u.v_front, at->u.v_rear };

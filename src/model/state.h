@@ -349,8 +349,8 @@ typedef struct tse_kalman {
 
 /* Evidence that the car drives backwards (src/filter/backwards.c). */
 typedef struct tse_way {
-  tse_real by_turn, by_gain;  /* [1] log odds of driving backwards: from yaw rate, from gain of speed */
-  tse_real begins, gained;    /* [m/s] speed when the car began to roll; integral of accel_x since then */
+  tse_real by_turn, by_gain; /* [1] log odds of driving backwards: given the yaw rate, given gains of speed */
+  tse_real begins, gained;   /* [m/s] speed when the car began to roll; integral of accel_x since then */
   tse_real rolls_for, unread; /* [s] time since the car began to roll; time since the last accel_x */
 } tse_way;
 

@@ -124,8 +124,8 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
 /* Limits of the motion. They keep a particle finite if its motion becomes NaN, or if the
  * motion diverges because a wheel speed jumps or the stiffness of the particle is
  * extreme. A magnitude below MIN_MOTION is set to 0: over minutes of straight driving it
- * would decay to denormal numbers. These are slow, and some machines replace them by
- * 0. */
+ * would decay to denormal numbers. Denormal numbers are slow, and some machines replace
+ * them by 0. */
 #define MAX_SPEED TSE_R(200)    /* [m/s] */
 #define MAX_YAW_RATE TSE_R(20)  /* [rad/s] */
 #define MIN_MOTION TSE_R(1e-12) /* [m/s], [rad/s] */

@@ -16,7 +16,7 @@
  *   r_mul_short(a, b)        r_mul() of two tse_short
  *   r_factor(x, up)          factor x 2^up; up: shift of a scaled row (fixed only)
  *   r_quotient(x, d, up)     factor x/d 2^up
- *   r_short_of(a, x, up)     r_short_scaled(x, up), if a is r_factor(x, up)
+ *   r_short_of(a, x, up)     r_short_scaled(x, up), computed from a = r_factor(x, up)
  *   r_by(x, d)               x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, all >= 0
  *   r_plus_times(y, a, x)    y + a x, for elements of rows */
