@@ -51,8 +51,8 @@ static inline tse_real steering_lag_input(
 /* exact_kinematics: equations (1) to (4) without small-angle approximations. In its own
  * axes the front wheel has the velocity
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
- * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is LOW_SPEED. Its
- * slip angle is atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The
+ * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is 1 m/s (LOW_SPEED).
+ * Its slip angle is atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The
  * front forces are turned by d. share = 0 is the plain model, 1 the exact one. A share
  * between 0 and 1 interpolates linearly between the two, because tests of this effect
  * need the derivative with respect to share at 0. */
