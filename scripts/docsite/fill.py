@@ -5,8 +5,9 @@
 
 A block begins with the comment `<!-- table: X -->` or `<!-- code: X -->` and ends with
 the comment `<!-- end -->`. The text between both comments is replaced by the content of
-X. X is a file of the repository, the name of a function make_X() of docsite.tables or of
-this module, or symptom/CASE with a case of docsite.symptoms.
+X. X is the path of a file of the repository, or the part of a name make_X() after make_
+(a function of docsite.tables or of this module), or symptom/CASE. CASE is a key of
+docsite.symptoms.CASES.
 """
 
 import enum
@@ -78,9 +79,10 @@ def make_effects() -> str:
 
 
 def format_signature(name: str, thing: Any) -> str:
-    """Return the signature of a function or class.
+    """Return the signature of a function or class; for enums, exceptions and dicts, only
+    the name.
 
-    With three or more parameters, each has a line of its own."""
+    If there are three or more parameters, each is written on a line of its own."""
     if inspect.isclass(thing) and issubclass(thing, (enum.Enum, Exception, dict)):
         return name
     found = inspect.signature(thing)
@@ -94,13 +96,15 @@ def format_signature(name: str, thing: Any) -> str:
 
 
 def make_python_api() -> str:
-    """Return signature and docstring of each public name of tse and of its members."""
+    """Return signatures and docstrings: of each public function and class of tse, and of
+    the public methods and properties of each class."""
     import tse
 
     text = []
 
     def add(name: str, thing: Any, level: str) -> None:
-        # function of a property (fget) or of a cached property (func)
+        # the function behind a property (fget) or a cached property (func); None for any
+        # other object
         inner = getattr(thing, "fget", None) or getattr(thing, "func", None)
         head = name if inner else format_signature(name, thing)
         text.append(f"{level} {name}\n\n```text\n{head}\n\n{inspect.getdoc(inner or thing) or ''}\n```\n")
@@ -145,12 +149,13 @@ def make_block(kind: str, what: str) -> str:
 
 
 def fill_page(text: str) -> str:
-    """Return a page with the content of all its blocks made anew."""
+    """Return the page `text`, in which the content of every block is generated again."""
     return PAGE_BLOCK.sub(lambda m: f"<!-- {m[1]}: {m[2]} -->\n{make_block(m[1], m[2])}<!-- end -->", text)
 
 
 def main() -> int:
-    """Write the stale pages, or only print their names with --check."""
+    """Write the pages whose blocks have changed, and print their names. With --check,
+    only print the names. Return the exit code."""
     stale = []
     for path in links.list_files("*.md"):
         text = path.read_text(encoding="utf-8")

@@ -23,7 +23,8 @@ IN_LIST = re.compile(r"\s*(?:[-*] |\d+\. )|  ")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add README, the pages, and all files to which they link, directly or not."""
+    """Add README, the pages, and all files to which they link, directly or through other
+    pages."""
     found, waiting = set(), [ROOT / "README.md", *(ROOT / "docs" / "pages").rglob("*.md")]
     while waiting:
         path = waiting.pop()
@@ -39,9 +40,10 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Insert an empty line before each list, table and code block that has none.
+    """Insert an empty line before a list, table or code block if there is none before it.
 
-    MkDocs does not recognise them without this line. Code hosting sites do."""
+    Without this line, MkDocs does not recognise the list, table or code block, although
+    code hosting sites do."""
     lines: list[str] = []
     inside = False
     for line in markdown.splitlines():

@@ -25,9 +25,10 @@ def make_slug(heading: str) -> str:
 
 
 def list_anchors(text: str) -> set[str]:
-    """Return the anchors of a page: those of its headings, and ids in HTML.
+    """Return the anchors of a page: one for each heading, and the ids of HTML elements.
 
-    If a heading occurs again, its anchor ends with a number."""
+    If several headings have the same text, -1, -2 ... is appended to the anchor from the
+    second heading on."""
     prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):
@@ -41,8 +42,8 @@ def list_anchors(text: str) -> set[str]:
 
 
 def list_local_links(path: Path) -> list[tuple[Path, str]]:
-    """Return target file and anchor of each link of a page to a file of the
-    repository."""
+    """Return (target file, anchor) for each link in the page `path` that points to a file
+    of the repository. The anchor is empty if the link has none."""
     found = []
     for target in LINK.findall(CODE_BLOCK.sub("", path.read_text(encoding="utf-8"))):
         parts = urllib.parse.urlsplit(target)

@@ -32,7 +32,7 @@ PICTURE_STYLE = {
     "figure.autolayout": True,
     "axes.titlesize": 10,
 }
-EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)  # all parameters are known exactly
+EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)  # sds of 0: all parameters are known exactly
 # the car of the simulator
 CAR: dict[str, Any] = {
     "mass": 1900,
@@ -104,7 +104,8 @@ def draw_slope(c: Inks) -> Any:
 
 
 def draw_change(c: Inks) -> Any:
-    """Draw a stiffness and the probability of a change, shortly before and after one."""
+    """Draw a stiffness and the probability of a road change, from 1 s before to 3 s after
+    such a change."""
     drive, est = run_drive(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])
@@ -184,10 +185,11 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {
 
 
 def shrink_picture(path: Path) -> None:
-    """Reduce the colours of a PNG, then its width and height, to MAX_PICTURE_BYTES.
+    """Reduce the number of colours of a PNG to COLOURS, and then its width and height
+    until the file has at most MAX_PICTURE_BYTES.
 
-    The palette consists of the most frequent colours. A palette of mean colours would
-    give a large pale area the colour of a line.
+    The palette consists of the most frequent colours. If it consisted of means of similar
+    colours, a large pale area would get a tint of the lines in it.
     """
     from PIL import Image
 

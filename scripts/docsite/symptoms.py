@@ -1,4 +1,5 @@
-"""Run commands on a log or a car with a mistake. The troubleshooting page shows them."""
+"""Run commands of tselab on a log or a vehicle file that contains a mistake. The
+troubleshooting page shows each command and its output."""
 
 import os
 import tempfile
@@ -19,7 +20,8 @@ ERROR_PREFIX = "tselab: error"
 
 
 def edit_car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
-    """Return a function that writes car.toml with the text `old` replaced by `new`."""
+    """Return a function that writes car.toml: the vehicle file of the simulated car, in
+    which the string `old` is replaced by `new`."""
     return lambda log, folder: (folder / "car.toml").write_text(
         simulated_vehicle().replace(old, new), encoding="utf-8"
     )

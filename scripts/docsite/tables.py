@@ -205,7 +205,7 @@ def make_input_fields() -> str:
 
 
 def list_output_members() -> dict[str, str]:
-    """Return the member of tse_output that holds each output, by name of the output."""
+    """Return a dict: name of an output -> member of tse_output that holds this output."""
     return {
         name: row.get("member", name)
         for name, row in read_toml(TABLES_FOLDER / "output.toml")["column"].items()
@@ -231,7 +231,7 @@ def make_output_fields() -> str:
 
 
 def _format_codes(which: int) -> str:
-    """Return a table of the codes in list `which`."""
+    """Return a table of codes. `which` is STATUS or REASON."""
     rows = [
         [str(c), format_code(f.name), escape_cell(f.text)] for c, f in sorted(library().codes(which).items())
     ]
@@ -434,7 +434,7 @@ def make_c_page() -> str:
         text += [f"## {title}: `tse/{header}`", ""]
         previous = ""
         for name, declaration, comment in own:
-            comment = comment or previous  # without a comment of its own, that of the function above holds
+            comment = comment or previous  # one comment may describe several functions below it
             text += [
                 f"### {name}",
                 "",
@@ -454,7 +454,7 @@ def make_c_page() -> str:
 
 
 def make_cli_page() -> str:
-    """Return the page of all commands, with the text of --help of each."""
+    """Return the page of all commands, with the output of --help for each command."""
     import click
 
     from tselab.cli import cli
@@ -533,7 +533,8 @@ def make_controller() -> str:
 
 
 def make_flash() -> str:
-    """Return a table of the flash that the library needs without some of its parts.
+    """Return a table of the flash memory that the library needs if some of its parts are
+    left out of the build.
 
     The numbers are those of scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
@@ -569,10 +570,10 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
 
 
 def make_measured_cars() -> str:
-    """Return a table of the errors on calibrated cars.
+    """Return a table of the errors of the estimated stiffness of calibrated cars.
 
-    For comparison, it has the errors of constants and of the filter on cars that are not
-    calibrated."""
+    For comparison, the table also has the errors of constant values, and those of the
+    filter for cars that are not calibrated."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",
@@ -587,8 +588,8 @@ def make_measured_cars() -> str:
 def make_measured_events() -> str:
     """Return a table of how long estimates are wrong after events.
 
-    For comparison, it has the time that a filter needs to find the change if it knows
-    when the change happened."""
+    For comparison, the table also has the time that a filter needs to find the change if
+    it is told when the change happened."""
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )

@@ -157,7 +157,8 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        # In the fit this unknown is relative to the front stiffness. Convert it to N.
+        # In the fit, the rear longitudinal stiffness is relative to the front one.
+        # Convert its mean and covariance to N.
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)

@@ -35,8 +35,8 @@ from tse.log.rows import CheckedLog, select_liveliest
 # which the car turns most are used.
 MAX_OWN_SECONDS = 600.0
 MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
-# [s] tolerance of MIN_OWN_SECONDS, because the ends of a log are not compared with a
-# simulation: the burn-in and a row
+# [s] Logs may be shorter than MIN_OWN_SECONDS by this time, because the burn-in at the
+# start of a log and one row are not compared with a simulation.
 END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
@@ -94,7 +94,8 @@ def calibrate_once(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None] = lambda _: None
 ) -> OwnCalibration:
     """Calibrate the car on these logs. If the cache has a result for the same logs, the
-    same car and the same code, return the cached result."""
+    same car and the same code, return the cached result. `say` is called with each line
+    of progress."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
     if seconds < MIN_OWN_SECONDS - END_SECONDS:
         return keep_class(f"it lasts {seconds:.4g} s, {MIN_OWN_SECONDS:g} s are needed")
@@ -126,7 +127,8 @@ def calibrate_once(
 @contextmanager
 def _remove_on_exit(lock: Path) -> Iterator[None]:
     """Remove the lock file on exit. If a different process has opened the file just
-    before, that process may calibrate once more. This only costs time."""
+    before, its lock no longer excludes other processes, so the same calibration may run
+    twice. This only costs time."""
     try:
         yield
     finally:
@@ -181,7 +183,8 @@ def _calibrate_car(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]
 ) -> OwnCalibration:
     """Calibrate on the logs, and check the result with the filter on the same rows. If a
-    check fails, return that the calibration is not used (keep_class())."""
+    check fails, the calibration is not used, and the result of keep_class() is
+    returned."""
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
@@ -224,10 +227,11 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
     """Return a sentence if the calibration and the filter with the uncalibrated car
     contradict each other; otherwise an empty string.
 
-    Both estimate the cornering stiffness from the same rows. If ln of the ratio of the
-    two estimates is larger than 1.96 sd of this difference, one of the two models is
-    wrong. A comparison of the likelihoods could not decide which one, because the
-    calibration maximises the likelihood of this log.
+    Both estimate the cornering stiffness from the same rows. They contradict each other
+    if |ln(ratio of the two estimates)| is larger than 1.96 times the sd of this
+    logarithm. Then one of the two models is wrong. A comparison of the likelihoods could
+    not decide which one, because the calibration maximises the likelihood of this log and
+    would always win.
     """
     for key, axle in CORNERING_AXLES.items():
         ours = found["stiffness"][key]
@@ -245,8 +249,8 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
 
 def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
     """Return a result for the case that the calibration is not used and the car is taken
-    as an ordinary one of its class. `why` is the reason. `found` has the numbers that
-    were found; None: there are none."""
+    as an ordinary one of its class. `why` is the reason. `found` is the result of
+    _collect_findings(); None: the calibration ended before it had a result."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
     return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 

@@ -83,7 +83,7 @@ class NumberFinding:
 
 def describe_misstated(found: Sequence[NumberFinding]) -> str:
     """Return a sentence about the first number of the vehicle file that the logs
-    contradict; an empty string if they contradict none."""
+    contradict (MAX_STATED_SD); an empty string if they contradict none."""
     for f in found:
         if f.name not in STATED or f.prior_sd <= 0:
             continue
@@ -272,8 +272,9 @@ class CalibrationResult:
 
 
 def describe_velocity_gain(result: CalibrationResult) -> list[str]:
-    """Return a line with the 95 % intervals of the cornering stiffnesses without and with
-    the measured velocity, in a list. The list is empty if no velocity is measured."""
+    """Return a list of one line that compares the 95 % intervals of the cornering
+    stiffnesses without and with the measured velocity. The list is empty if no velocity
+    is measured."""
     if not any(c in result.problem.channels for c in VELOCITY):
         return []
     without = np.sqrt(np.diag(compute_covariance(result.problem, result.fit, MEASURED)))
@@ -286,8 +287,9 @@ def describe_velocity_gain(result: CalibrationResult) -> list[str]:
 
 
 def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
-    """Return a sentence for each log whose lateral motion is explained worse by the
-    calibrated car than by the car of the vehicle file."""
+    """Return a sentence for each log that contradicts the calibration: the residual rms
+    of accel_y or yaw_rate with the calibrated car is more than MAX_WORSE_RATIO times the
+    rms with the car of the vehicle file."""
     found = []
     for p in proofs:
         more = {

@@ -39,8 +39,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of a gyro bias. Larger values come from model
 # errors in turns, not from the gyro.
 MAX_GYRO_WALK = 0.001
-# min number of differences between neighbouring values. With fewer differences, the step
-# of a quantisation is not estimated.
+# Min number of differences between neighbouring values, if all different values of a
+# channel are sorted. With fewer differences, no quantisation step is estimated.
 MIN_STEPS = 10
 
 
@@ -91,8 +91,8 @@ def run(
 
 
 def place_on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
-    """Return the logs with bank and grade of a known road. If `road` is None, they are
-    returned unchanged. Raise UserError if a log is not on this road."""
+    """Return the logs with bank and grade of a known road. If `road` is None, the logs
+    are returned unchanged. Raise UserError if a log is not on this road."""
     if road is None:
         return list(logs)
     config = Config.exact(vehicle.values)
@@ -107,6 +107,8 @@ def calibrate_logs(
     notes: Sequence[str] = (),
 ) -> CalibrationResult:
     """Calibrate on logs that have been read and checked, without testing the result.
+    `say` is called with each line of progress, and `notes` become the first notes of the
+    result.
 
     Raises
     ------
@@ -216,7 +218,8 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
     """Return the problem with the car of the vehicle file on level roads, and the values
-    of its unknowns. The superelevation of each road is that of the vehicle file."""
+    of the unknowns of this problem. The superelevation of each road is that of the
+    vehicle file."""
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
@@ -274,8 +277,8 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
 
 
 def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
-    """Return the sd of the white noise in a row of each channel, as settings. If there
-    are several logs, the largest sd is returned."""
+    """Return for each channel the sd of the white noise of a single row, as settings. If
+    there are several logs, the largest sd is returned."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):

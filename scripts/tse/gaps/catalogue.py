@@ -16,7 +16,8 @@ from tse.library.core import library
 
 @dataclass(frozen=True)
 class Own:
-    """The key of one value of a road profile: bank or grade at one knot of one log.
+    """The key of one value of a road profile: bank or grade at one knot of one log. Knots
+    are points along the road, between which the profile is interpolated.
 
     The key of a parameter of the car is a string, the name of its setting.
     """
@@ -41,9 +42,9 @@ def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
 class CatalogueParameter:
     """One parameter that can be fitted: a stiffness, or a parameter of an effect.
 
-    A strength is a parameter that switches the effect off if it is 0 (or has its
-    default). A shape is any other parameter of an effect, such as a time constant. It has
-    no influence while all strengths are 0.
+    A strength is a size of an effect. If all strengths of an effect are 0 (or have their
+    defaults), the effect is off. A shape is any other parameter of an effect, such as a
+    time constant. It has no influence while the effect is off.
     """
 
     name: Key  # name of its setting, or the key of a value of a road profile

@@ -2,8 +2,9 @@
 noise-free inputs of the model: steering angle and wheel speeds.
 
 The wheel speeds are those that the nominal car needs for the manoeuvre. Each axle rolls
-along its own path through the bend. Its slip provides the longitudinal force that changes
-the speed and balances the longitudinal component of the steered wheels' side force.
+along its own path through the bend. The slip of both axles provides a longitudinal force.
+This force changes the speed, and balances the longitudinal component of the steered
+wheels' side force.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
         # [N] side force of the steered front wheels
         steered = (c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, PLANNED_STEP)) / length
-        braking = share * steered * np.sin(steer)  # [N] its component against the motion
+        braking = share * steered * np.sin(steer)  # [N] component of this force against the motion
         force = c.mass * (np.gradient(speed, PLANNED_STEP) - across * turning) + braking
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {

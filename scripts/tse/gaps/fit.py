@@ -128,8 +128,9 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
     """Return, for each channel, the sum of squared residuals minus the sum expected from
     sensor noise; 0 if the difference is negative.
 
-    If the noise sd of a channel was raised to a floor, the expected sum is computed from
-    the original noise sd, so that the floor does not reduce the gap.
+    If the noise sd of a channel was below a lower limit, it was raised to this limit. The
+    expected sum is computed from the original noise sd, so that the raise does not reduce
+    the gap.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
@@ -182,7 +183,7 @@ def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> d
 
     `before` and `after` are the whitened residuals of the first and the second model in
     the same logs. The 95 % interval of the change comes from a bootstrap with a fixed
-    seed, which resamples the blocks of both models together.
+    seed. Each sample consists of the same blocks for both models.
     """
     rng = np.random.default_rng(SEED)
     found = {}

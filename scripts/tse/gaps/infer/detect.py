@@ -35,8 +35,9 @@ class Detectable:
     unit: str
     smallest: float  # inf if the effect is not visible at any size within its limits
     typical: float
-    # The effect changes the residuals. This share of the mean square of the change can be
-    # compensated by the stiffness and the effects in the fit.
+    # Share of the effect that is not visible, because the stiffness and the effects in
+    # the fit can compensate it. It is a share of the mean square of the change of the
+    # residuals by the effect.
     absorbed: float
 
     @property

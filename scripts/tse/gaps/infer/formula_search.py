@@ -1,5 +1,5 @@
 """Search for a formula that explains the residuals left by the named effects, and for the
-place of the model at which it acts.
+place of the model at which the formula acts, such as the yaw moment.
 
 A form is a formula without its coefficient (formula_terms.py). All forms at all places
 are first compared in a linearised model. Those with the largest expected gain are then
@@ -71,7 +71,7 @@ class Discovery:
     # the sensor noise, not weighted as in Frame.balanced.
     fit: Fit | None
     nats: float = 0.0  # gain - price
-    share: float = 0.0  # share of the remaining gap that the formula closes
+    share: float = 0.0  # share of the gap without a formula (Frame.full) that the formula closes
     price: float = 0.0  # [nat] price of the formula, by its length
     # name of a number of the formula -> lower and upper limit of the fit
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -147,7 +147,8 @@ def compute_worth(
 
 
 def compute_price(term: FormulaTerm) -> float:
-    """Return the price [nat] of a form, of its numbers, and of the coefficient."""
+    """Return the price [nat] of a formula: PRICE times the sum of the length of its form,
+    the number of numbers in the form, and 1 for the coefficient."""
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
@@ -324,7 +325,8 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
     A formula must have a positive gain after its price and close at least MIN_SHARE of
     the gap. With held-out logs, it is confirmed if in addition none of their channels
     becomes significantly worse by more than MIN_HARM, and at least one becomes
-    significantly better. The formula is not fitted to the held-out logs.
+    significantly better. Significance is judged by the 95 % interval of the change. The
+    formula is not fitted to the held-out logs.
 
     Without held-out logs, a formula is confirmed only if the residuals of a channel
     exceed NOISE_LIMIT. Residuals below it are noise, and among so many forms there is
@@ -367,7 +369,7 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
 
 
 def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """Fit the formula that was found in some logs to all logs.
+    """Fit a formula, which was found in an excerpt of the logs, to all logs.
 
     `problem` has all logs, and `last` is the fit of them with all named effects.
     """
@@ -389,8 +391,8 @@ def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
 
 
 def _describe_formula(frame: Frame, c: Discovery) -> Formula:
-    """Return the formula with the sd of each number, and with the range of each signal
-    that was driven in the logs.
+    """Return the formula with the sd of each number, and with the range of values that
+    each of its signals had in the logs.
     """
     slots = c.formula.slots
     sd = dict(

@@ -160,7 +160,7 @@ def _make_dead_zone(s: Signal, half: float) -> FormulaTerm:
 
 
 def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
-    """Yield nonlinear functions of a signal."""
+    """Yield nonlinear functions of a signal: powers, saturation and a dead zone."""
     yield FormulaTerm(f"{s.text}*abs({s.text})", _add_exponents(s.unit, s.unit))
     yield FormulaTerm(f"{s.text}*{s.text}*{s.text}", _add_exponents(s.unit, _add_exponents(s.unit, s.unit)))
     for w in s.sizes:
@@ -173,9 +173,9 @@ def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_memory(s: Signal) -> Iterator[FormulaTerm]:
-    """Yield forms in which a signal is delayed: the output of a lag, the output of a
-    second-order mode, and the output of a lag, a second-order mode and a dead time, each
-    minus the signal.
+    """Yield forms in which a signal is delayed by a lag, a second-order mode or a dead
+    time. For a lag and for a mode, there are two forms: the output, and the output minus
+    the signal. For a dead time, there is only the output minus the signal.
     """
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
@@ -220,8 +220,9 @@ def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
 def make_lateral_forms() -> list[FormulaTerm]:
     """Return the forms for the places of LATERAL.
 
-    Most forms have opposite signs in left and right turns. The other forms, of
-    acceleration, speed or absolute values, push the car to the same side in all turns.
+    Most forms have opposite signs in left and right turns. The other forms have the same
+    sign in all turns, so they push the car always to the same side. They consist of
+    accel_x, speed, or absolute values and squares of signals.
     """
     found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
     for s in TURNING:

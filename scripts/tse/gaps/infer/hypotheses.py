@@ -20,18 +20,18 @@ from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
 # Effects with one of these values in the column `occurrence` of src/tables/effects.toml
-# are not searched for.
-# ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
-# distinguished from a sensor bias.
-# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect (95 % for
-# aligning_moment, in logs of two simulators), and tyre models are not more accurate than
-# that. Drag and rolling resistance belong here, because the measured wheel speeds drive
-# the model. The part of them that remains in accel_x looks like a grade of the road.
+# are not searched for. ROAD: road profiles are estimated in infer/roads.py. A constant
+# bank or grade cannot be distinguished from a sensor bias. ABSORBED: the fitted stiffness
+# compensates for at least 95 % of the effect (95 % for aligning_moment, in logs of two
+# simulators), and tyre models are not more accurate than that. Drag and rolling
+# resistance belong here, because the measured wheel speeds drive the model. The part of
+# drag and rolling resistance that remains in accel_x looks like a grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
-EXPECTED = 1.0  # prior mean of the number of SOME_CARS effects that a vehicle file lacks
+# prior mean of the number of effects with the occurrence SOME_CARS that a vehicle file lacks
+EXPECTED = 1.0
 SENSOR_SHARE = 0.1  # prior probability of each sensor error
-# prior probability that an EVERY_CAR effect is large enough to matter and is missing in
-# the vehicle file
+# prior probability that an effect with the occurrence EVERY_CAR is large enough to matter
+# and is missing in the vehicle file
 EVERY_SHARE = 0.15
 WRONG_SIGN = 0.01  # prior probability of a sign that contradicts the physics of an effect
 # prior sd of ln(size) below the typical range. An effect of half the smallest typical
@@ -45,8 +45,9 @@ LARGER_SD = 0.35
 SWITCH_SD = 0.15
 # min probability of a named effect, so that less than one in 10 named effects is wrong
 NAME_AT = 0.9
-# [nat] loss of evidence because the size of an effect is unknown, if the posterior sd of
-# the size is about 1 % of the typical size
+# [nat] Reduction of the evidence for an effect, because its size is not known in advance
+# but must be fitted. The value holds if the posterior sd of the size is about 1 % of the
+# typical size.
 SIZE_COST = 3.0
 MAX_LATE = 0.1  # [s] max delay of a message relative to other messages, with either sign
 # [s] typical delay of a message relative to other messages: bus cycles of 5 .. 20 ms,
