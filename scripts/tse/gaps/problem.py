@@ -171,15 +171,16 @@ class Problem:
     def _compute_noise_energy(self) -> np.ndarray:
         """Return the expected square of each residual if it is sensor noise only.
 
-        The expected square is 1. If the noise sd of a channel was raised to a floor, the
-        expected square is less than 1, because residuals are divided by the raised sd.
+        The expected square is 1. If the noise sd of a channel was below a lower limit and
+        was raised to this limit, the expected square is less than 1, because residuals
+        are divided by the raised sd.
         """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield the name of each channel, and a mask that is True for the entries of the
-        residual vector that are measurements of this channel.
+        """Yield the name of each channel, and a mask over the residual vector: True for
+        the blocks of this channel that have enough measured values (weight > 0).
         """
         for c in np.unique(self.rows.channel):
             yield COMPARED_CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)

@@ -20,14 +20,17 @@ from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
 # Effects with one of these values in the column `occurrence` of src/tables/effects.toml
-# are not searched for. ROAD: road profiles are estimated in infer/roads.py. A constant
-# bank or grade cannot be distinguished from a sensor bias. ABSORBED: the fitted stiffness
-# compensates for at least 95 % of the effect (95 % for aligning_moment, in logs of two
-# simulators), and tyre models are not more accurate than that. Drag and rolling
-# resistance belong here, because the measured wheel speeds drive the model. The part of
-# drag and rolling resistance that remains in accel_x looks like a grade of the road.
+# are not searched for.
+# ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
+# distinguished from a sensor bias.
+# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect (95 % for
+# aligning_moment, in logs of two simulators), and tyre models are not more accurate than
+# that. Drag and rolling resistance belong here, because the measured wheel speeds drive
+# the model. The part of drag and rolling resistance that remains in accel_x looks like a
+# grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
-# prior mean of the number of effects with the occurrence SOME_CARS that a vehicle file lacks
+# prior mean of the number of effects that a vehicle file lacks, counting only those with
+# the occurrence SOME_CARS
 EXPECTED = 1.0
 SENSOR_SHARE = 0.1  # prior probability of each sensor error
 # prior probability that an effect with the occurrence EVERY_CAR is large enough to matter

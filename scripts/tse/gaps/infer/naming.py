@@ -39,7 +39,8 @@ POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible w
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
 # If the named effects of the car close more than this share of the gap that the roads
-# leave, they count as the answer to the question what is missing.
+# leave, the verdict is that these effects are what is missing, even if they leave a
+# remainder.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
 MAX_SETS = 8  # max number of sets that are reported with their probability
@@ -62,7 +63,7 @@ class Named:
     # share that this effect closes of the gap left by the other named effects. It is
     # computed in pieces of the logs that were left out of the fit (folds.py).
     alone: float = 1.0
-    whole: float = 1.0  # probability that the effect or one in its place is missing
+    whole: float = 1.0  # probability that it, or an effect that replaces it, is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
         """Return the named effect with the values of a different fit. The intervals are
@@ -207,7 +208,7 @@ def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str)
 
 
 def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
-    """Fit the effects that were named from some logs to all logs.
+    """Fit the named effects, which were found in an excerpt of the logs, to all logs.
 
     `problem` has all logs. `baseline` is the result of fit_plain_car() for them on level
     roads.
@@ -225,8 +226,8 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
 
     `level` and `on_road` are fits of the car without effects on level roads and on the
     roads that were found. A profile closes the difference of the gaps of these two fits
-    in its own channel (ROAD_CHANNEL). If that is less than MIN_CLOSED of this channel's
-    gap, the profile is not named.
+    in its own channel (ROAD_CHANNEL). If this difference is less than MIN_CLOSED of the
+    channel's gap on level roads, the profile is not named.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -246,10 +247,11 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
 
 
 def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
-    """Fit the named effects `kept` again, and return the result with only these named.
+    """Fit the named effects whose ids are in `kept` again, and return the result in which
+    only these effects are named. `baseline` is the fit on level roads without effects.
 
-    The intervals keep their widths. Most of the width comes from errors of the model, and
-    so does not change with the logs.
+    The intervals keep their widths. Most of the width comes from errors of the model, so
+    a fit to other logs hardly changes it.
     """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}

@@ -85,8 +85,8 @@ class Worlds:
         self.known: list[World] = []
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
-        """Add a world. `last` is the fit with the named effects, and `discovery` is the
-        formula; None: a world without a formula.
+        """Add the world with the named effects of `naming`. `last` is the fit with these
+        effects, and `discovery` is the formula; None: a world without a formula.
         """
         price, values = sum((compute_name_price(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
@@ -109,8 +109,8 @@ class Worlds:
         return sum(w.probability for w in self.known if effect in w.names)
 
     def find_best(self) -> World:
-        """Return the most probable world. Worlds with an uncertain name are left out: a
-        name is uncertain if with_name() is below NAME_AT for it.
+        """Return the most probable world, without regard to worlds in which an uncertain
+        effect is named. An effect is uncertain if its with_name() is below NAME_AT.
         """
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)

@@ -29,7 +29,8 @@ from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
 ROAD_PROBABILITY = 0.1  # prior probability that a road profile is large enough to be found
-MAX_ODDS = 50.0  # max ln odds, so that exp() does not overflow; the probability is 1 here
+# max ln odds, so that exp() does not overflow; at this limit the probability rounds to 1
+MAX_ODDS = 50.0
 
 
 @dataclass(frozen=True)

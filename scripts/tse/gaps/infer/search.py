@@ -12,8 +12,8 @@ residuals of rms r, the variance is sd^2 = noise^2 + (r^2 - noise^2) V. V is the
 residuals in MODEL_TIME, the correlation time of a model error. It follows that
     d ln L / d(sum of squares) = -1 / (2 sd^2),
     ln L = -n / (2 V) ln(1 + V (r^2 / noise^2 - 1)).
-r^2 - noise^2 is at least LASTING^2 noise^2 in sd^2, because no model of a car is more
-accurate.
+In sd^2, r^2 - noise^2 is replaced by LASTING^2 noise^2 if it is smaller than that,
+because no model of a car is more accurate.
 
 Every fit has the strengths of all effects as unknowns. Effects outside the set have a
 prior that keeps them small. So one fit gives the partial derivatives with respect to all
@@ -82,7 +82,7 @@ def compute_error_duration() -> float:
 
 def compute_variance(square: float) -> float:
     """Return the variance of residuals in the likelihood. `square` is the mean square of
-    the residuals. Both are in units of the noise variance.
+    the residuals. `square` and the returned variance are in units of the noise variance.
     """
     return 1.0 + compute_error_duration() * max(square - 1.0, LASTING**2)
 
@@ -352,8 +352,10 @@ class Search:
         return self.near[ids]
 
     def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
-        """Return the set after at most `changes` successive changes of `start`. Each is
-        the change that most increases the approximate evidence.
+        """Return the set after at most `changes` successive changes of `start`. Each
+        change adds, removes or replaces one effect, such that the approximate evidence
+        increases most. If no such change increases it by WORTH, two effects are added at
+        once, or two are replaced by one.
         """
 
         def get_evidence(ids: frozenset[str]) -> float:

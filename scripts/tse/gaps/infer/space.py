@@ -146,7 +146,7 @@ class Space:
 
         A parameter starts at its value in `values`, or at its default if it has none
         there. The strengths of an effect of the set start at choose_start() if they are
-        not in `values` or all negligible there.
+        not in `values`, or if their values there are all negligible.
         """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
@@ -235,8 +235,8 @@ class Space:
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
         """Return a group as a Piece: times, activity and residuals.
 
-        The activity at a time is the rms of measurement minus median over ACTIVE_TIME, in
-        units of the noise.
+        The activity at a time is a moving rms of the measurement minus the group's
+        median, in units of the noise. The window has the length ACTIVE_TIME.
         """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(

@@ -66,8 +66,8 @@ class Entry:
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Return the signals whose high or low values can be a condition. The result is a
-    dict, name -> block means, one for each entry of the residual vector. The signals come
-    from inputs and simulation.
+    dict: name -> array of block means, with one element for each element of the residual
+    vector. The signals come from inputs and simulation.
 
     Measurements are not used, because the residuals contain their noise and would
     therefore correlate with them.

@@ -125,8 +125,8 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     """Return the fitted stiffness as settings, clipped to their limits.
 
-    The rear longitudinal stiffness is not fitted. Its relative change is that of the
-    front one times the setting rear_longitudinal_follows_front.
+    The rear longitudinal stiffness is not fitted. Its relative change is the relative
+    change of the front one, multiplied by the setting rear_longitudinal_follows_front.
     """
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front

@@ -64,7 +64,7 @@ class WrittenFiles:
 
     files: list[Path]
     gain: dict[str, Any]  # result of compute_gain()
-    # part of the logs -> channel -> residuals before and after
+    # part of the logs -> channel -> its residuals before and after effects were added
     changes: dict[str, dict[str, ChannelChange]]
 
 
@@ -75,8 +75,8 @@ def write_all(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> WrittenFiles:
-    """Write all files of a run: the improved vehicle file, the residuals before and
-    after, and the report.
+    """Write all files of a run: the improved vehicle file, the report, and the residuals
+    before and after effects were added.
 
     `say` is called with the name of each step.
     """

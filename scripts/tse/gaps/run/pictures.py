@@ -39,8 +39,8 @@ def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def draw_overlay(table: pd.DataFrame) -> go.Figure:
-    """Plot each channel as measured, as simulated before and as simulated after effects
-    were added. The reader chooses the log from a list.
+    """Plot three lines for each channel: measured, simulated before, and simulated after
+    effects were added. The reader chooses the log from a list.
     """
     channels, logs = _list_channels(table), _list_logs(table)
     figure = make_subplots(
@@ -93,7 +93,8 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
 
 
 def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure:
-    """Plot the ratio of residual rms to sensor noise for each channel, before and after.
+    """Plot the ratio of residual rms to sensor noise for each channel, before and after
+    effects were added.
 
     The error bars are the 95 % interval of the change, from a bootstrap of paired blocks.
     """

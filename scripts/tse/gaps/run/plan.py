@@ -51,13 +51,14 @@ class Option:
 
     name: str
     seconds: float  # [s] length of the manoeuvre
-    # [nat] evidence that separates the effects: the smaller one of A from B and B from A
+    # [nat] evidence that separates the effects: for a car with A or for a car with B,
+    # whichever is smaller
     nats: float
-    # [nat] evidence for an effect against a car without it; the smaller one of the two
-    # effects
+    # [nat] evidence for an effect against a car without it: for A or for B, whichever is
+    # smaller
     shows: float
-    # ratio of two evidences: the one that separates an effect from the other effect, and
-    # the one for the effect itself; the smaller ratio of the two effects
+    # ratio of the evidence that separates an effect from the other one to the evidence
+    # for this effect against a car without it: for A or for B, whichever is smaller
     share: float
 
     @property

@@ -63,8 +63,8 @@ class Posterior:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
         Settings whose parameters are in this posterior get the sds of the posterior, but
-        not less than MIN_SD, the best accuracy of a model of a car. Other settings keep
-        their values.
+        not less than MIN_SD, the best accuracy of a model of a car, or than the value in
+        the vehicle file if that is below MIN_SD. Other settings keep their values.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
@@ -116,8 +116,8 @@ def compute_posterior(
 
     Notes
     -----
-    model_sd is computed without the formula, because the estimator does not use formulas:
-    the part of the residuals that a formula explains is a model error there.
+    model_sd is computed without the formula, because the estimator does not use formulas.
+    For the estimator, the part of the residuals that a formula explains is a model error.
 
     The measured wheel speeds drive the simulation. If the simulation does not explain
     accel_x, the fit adapts the longitudinal stiffness such that it smooths the noise of

@@ -40,7 +40,8 @@ class ReportInput:
     table: pd.DataFrame  # result of output.make_table()
     parts: Mapping[str, Mapping[str, ChannelChange]]  # part of the logs -> channel -> change
     gain: Mapping[str, Any]  # result of output.compute_gain()
-    # stiffness -> ratio of its value in the improved vehicle file to that in the user's
+    # stiffness -> ratio of its value in the improved vehicle file to its value in the
+    # vehicle file of the user
     stiffness: Mapping[str, float]
     notes: list[str] = field(default_factory=list)
 

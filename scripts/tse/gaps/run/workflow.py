@@ -351,10 +351,10 @@ def place_on_roads(
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """Return whether the named effects leave an error above the noise in the held-out
-    logs.
+    logs: in a channel, the ratio of residual rms to sensor noise exceeds NOISE_LIMIT.
 
-    This happens if several effects that fit the fitted logs only imitate an effect that
-    is missing in the catalogue.
+    For example, several named effects together may imitate an effect that is not in the
+    catalogue. Then they explain the fitted logs, but not the held-out logs.
     """
     if held is None or not naming.named:
         return False
@@ -480,9 +480,10 @@ def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequen
     """Return half the width of the 95 % interval of each latency.
 
     A latency may depend on several named effects, such as the delays of the IMU and of
-    the steering. The half widths of their intervals are propagated linearly, and added
-    in quadrature as if the effects were independent. A latency is linear in a delay as
-    long as the delay keeps its sign, and named delays are too far from 0 to change it.
+    the steering. The half widths of their intervals are propagated linearly, and added in
+    quadrature as if the effects were independent. Linear propagation is valid, because a
+    latency is linear in a delay as long as the delay keeps its sign, and named delays are
+    too far from 0 to change their sign.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # [s] step of the finite differences
