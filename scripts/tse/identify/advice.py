@@ -73,8 +73,8 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
 
     A proposal is listed if it narrows the interval of at least one axle to less than
     MAX_REMAINING of the present one. Most of the computing time is for partial
-    derivatives: each manoeuvre needs those of a simulation of 40 s, and the proposal of a
-    measured velocity those of all logs.
+    derivatives of simulations: each manoeuvre needs a simulation of 40 s, and the
+    proposal of a measured velocity needs simulations of all logs.
     """
     now = compute_axle_sd(problem, fit, _compute_car_information(problem, fit))
     latency_sd = _compute_sd_if_known(problem, fit, _list_latencies(problem), KNOWN_LATENCY)
@@ -109,14 +109,20 @@ def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
 
 
 def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -> dict[str, float]:
-    """Return the sds as in Offer.sd that follow from an information matrix of the car."""
+    """Return the sd of ln(stiffness) of both axles from an information matrix of the car.
+
+    Keys are the names of the cornering stiffnesses, as in Offer.sd.
+    """
     sd = np.sqrt(np.diag(np.linalg.inv(information)))
     sd *= np.abs(problem.compute_ln_slope(fit.search)[: problem.car])
     return {k: float(sd[problem.names.index(k)]) for k in CORNERING_AXLES}
 
 
 def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
-    """Return the information matrix of the car, with unknowns of logs marginalised."""
+    """Return the information matrix of the unknowns of the car.
+
+    The unknowns of single logs (leans and biases) and of roads are marginalised.
+    """
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
 

@@ -1,4 +1,7 @@
-"""Prepare logs for calibration and gap: smoothed inputs, stretches, blocks, sensor noise.
+"""Prepare logs for `tselab calibrate` and `tselab gap`.
+
+Inputs are smoothed, rows are divided into stretches (see FitStretch) and blocks, and the
+noise of the sensors is estimated.
 
 The logged steering angle and wheel speeds are the inputs of the model. They are smoothed,
 because the tyre model differentiates them, and a fit would explain the differentiated
@@ -63,7 +66,7 @@ class PreparedLog:
     rows_per_block: int
     distance: np.ndarray  # [m] travelled since the first row
     notes: list[str] = field(default_factory=list)
-    # for channels whose noise was raised to a floor: ratio of original to raised sd
+    # for channels whose noise was raised to a lower limit: ratio of original to raised sd
     quiet: dict[str, float] = field(default_factory=dict)
     # [s] for channels that repeat their samples: mean age of the values in the rows
     held: dict[str, float] = field(default_factory=dict)
@@ -231,8 +234,8 @@ def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
 def _smooth_channel(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
     """Smooth a channel at the rows of a log.
 
-    If the channel was interpolated, its original entries are smoothed. Interpolated rows
-    follow from their neighbours, so cross-validation would find no noise in them.
+    If the channel was interpolated, its original samples are smoothed. Interpolated
+    values follow from their neighbours, so cross-validation would find no noise in them.
     """
     if name not in log.slower:
         return smooth_values(log.time, x)
@@ -273,8 +276,8 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
     With this penalty, a spline of every second row predicts the other rows best.
 
-    The penalty is the ratio of noise to signal, which does not depend on the number of
-    rows. So it also holds for the spline of all rows.
+    The best penalty is a ratio of noise to signal, which does not depend on the number of
+    rows. So it is also right for the spline of all rows.
     """
 
     def compute_error(exponent: float) -> float:
@@ -323,7 +326,10 @@ def _estimate_noise(x: np.ndarray) -> float:
 
 
 def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[FitStretch]:
-    """Return the runs of good rows that last MIN_STRETCH_TIME, cut to whole blocks."""
+    """Return the stretches: runs of good rows that last at least MIN_STRETCH_TIME.
+
+    Each is cut to whole blocks of `per_block` rows.
+    """
     broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > MAX_HOLE)) | ~good
     starts = np.flatnonzero(broken & good)
     stretches = []
@@ -335,7 +341,7 @@ def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[
             continue
         last = first + (last - first) // per_block * per_block
         used = time[first:last] - time[first] >= BURN_IN
-        # lengthen the part that is not used to whole blocks
+        # the burn-in, which is not used, is lengthened to whole blocks
         used[: int(np.argmax(used)) // per_block * per_block + per_block] = False
         stretches.append(FitStretch(int(first), int(last), used))
     return stretches
@@ -398,7 +404,7 @@ def simulate(
     stiffness
         Initial stiffness relative to that of `config`, by name.
     profiles
-        Bank and grade of each row, rad. Bank and grade in the log are added to them.
+        Bank and grade [rad] of each row. Bank and grade in the log are added to them.
     later
         Latency [s] by channel. It is added to the latency in the vehicle file.
 

@@ -11,7 +11,7 @@ Schur complement, a system of equations for x alone.
 
 A residual is the sum of sensor noise and model error. The noise is independent from value
 to value. The model error is correlated over MODEL_TIME, so all values in this time count
-as a single one. This widens the covariance of x and hardly changes its estimate.
+as a single one. This widens the covariance of x and hardly changes the estimate of x.
 """
 
 from __future__ import annotations
@@ -172,7 +172,8 @@ class NormalEquations:
         """Return the evidence [nat] that some values of the road differ from 0.
 
         It is the ln of the Savage-Dickey ratio: prior density divided by posterior
-        density of these values at 0, with x and all other values marginalised.
+        density of these values at 0, with x and all other values marginalised. `values`
+        selects them in z, and `prior_sd` is the prior sd of each of them.
         """
         if self.factor is None:
             return 0.0
@@ -272,7 +273,8 @@ def fit(
     problem
         Residuals and prior.
     x, z
-        Start, with x in the coordinates of CarFit.search. None: mean of the prior.
+        Start of the search, with x in the coordinates of CarFit.search. None: mean of
+        the prior.
     say
         Called after each step with a line about the progress.
     max_steps
@@ -288,7 +290,7 @@ def fit(
     -----
     Far from the maximum the residuals are large. If they were weighted as correlated
     ones, the logs would have too little weight against the prior to move x away from the
-    start. So values are weighted as independent ones until the maximum is near, see
+    start. So residuals are weighted as independent ones until the maximum is near, see
     measure_scales().
 
     Partial derivatives by finite differences need a simulation of all logs for each of
@@ -363,8 +365,8 @@ def _fit_road(
 ) -> tuple[np.ndarray, list[np.ndarray]] | None:
     """Fit the road for a fixed x; return z and residuals, or None if the cost rises.
 
-    The search begins with this step. Otherwise the first step of x would change latencies
-    and stiffness to explain the effect of a hill.
+    The search begins with this fit. Without it, the first step of x would change
+    latencies and stiffnesses to explain the effect of a hill.
     """
     equations = build_normal(problem, scales, x, z, residuals, tables, roads)
     hills = z + equations.solve_road(np.zeros(len(x)))
@@ -406,9 +408,9 @@ def _update_slopes(
 ) -> list[np.ndarray]:
     """Update partial derivatives so that they predict the residuals after a step.
 
-    Of all updates that do so, make the smallest, measured with x in units of prior sds.
-    The step is `by` in x and `along` in z; `before` and `after` are the residuals at its
-    beginning and end.
+    Of all updates that do so, make the smallest, with each unknown of x measured in units
+    of its prior sd. The step is `by` in x and `along` in z. `before` and `after` are the
+    residuals at its beginning and end.
     """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)
@@ -419,7 +421,7 @@ def _update_slopes(
 
 
 def compute_covariance(problem: CarProblem, fit: CarFit, channels: Collection[str]) -> np.ndarray:
-    """Return the covariance of x, as in CarFit, if only some channels were used."""
+    """Return the covariance of x that the fit would have if it used only `channels`."""
     equations = build_normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
     ln = problem.compute_ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)

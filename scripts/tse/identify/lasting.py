@@ -1,11 +1,12 @@
 """Measure the slow part of residuals by two numbers, power and walk.
 
-power: integral of the autocovariance over positive lags. It is the variance of an error
-that lasts 1 s and has the same effect. The setting model_sd is derived from it.
+power: integral of the autocovariance over positive lags. An error with a correlation time
+of 1 s and this variance has the same integral, and so the same effect on an estimate.
+The setting model_sd is derived from power.
 
-walk: sd of a random walk, per sqrt(s), whose spectrum is nowhere below that of the
-residuals. It becomes the setting of the random walk of the bias of the channel. Let D(L)
-be the mean square of the change of the residuals over a lag L. Then
+walk: sd, per sqrt(s), of a random walk whose spectrum is nowhere below the spectrum of
+the residuals. It becomes the setting of the random walk of the bias of the channel. Let
+D(L) be the mean square of the change of the residuals over a lag L. Then
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
 Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2 is
 chosen for residuals that hills cause. Their autocovariance is
@@ -30,7 +31,7 @@ SHARE_QUANTILE = 0.9  # measure_share() returns this quantile of the ratios of a
 
 @dataclass(frozen=True)
 class Piece:
-    """Residuals of one channel in one log, with one entry per value in each array."""
+    """Residuals of one channel in one log. The arrays have an entry for each residual."""
 
     time: np.ndarray  # [s]
     size: np.ndarray  # moving rms of the measured channel, in the unit of the residuals
@@ -79,9 +80,9 @@ def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
 
 
 def _combine_lagged(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufunc) -> np.ndarray:
-    """Apply `of` to all pairs of residuals that are `lag` entries apart, without gaps.
+    """Apply `of` to all pairs of residuals that are `lag` entries apart.
 
-    Pairs whose distance in time differs from `lag` times `step` are left out.
+    Pairs across a gap, whose distance in time is not `lag` times `step`, are left out.
     """
     if lag >= len(residual):
         return np.zeros(0)

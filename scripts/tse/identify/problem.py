@@ -187,7 +187,7 @@ class CarProblem:
     # ---- groups of residuals
 
     def _lay_out(self) -> None:
-        """Set the groups (a log and a channel each) and the blocks that are compared."""
+        """Set the groups (a log and a channel each), and which blocks are compared."""
         self.groups: list[tuple[int, str]] = []
         self.time: list[np.ndarray] = []
         self._measured, self._used, self._time, self._count, self._speed, self._together = (
@@ -332,7 +332,8 @@ class CarProblem:
     def _compute_signal(self, g: int) -> np.ndarray:
         """Return the signal of a group: measured values minus their mean.
 
-        It is converted to compared values, as a difference measured - simulated is.
+        _average_groups() converts it to compared values, like a difference between
+        measured and simulated values.
         """
         used = self._used[g]
         about = self._measured[g] - self._measured[g][used].mean()
@@ -366,9 +367,9 @@ class CarProblem:
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
     def compute_slip_time(self) -> float:
-        """Return m/C [s2/m]: slip of the wheels per acceleration of the car.
+        """Return m/C [s2/m], the ratio of slip to acceleration of the car.
 
-        m is the mass, and C the sum of the longitudinal stiffnesses, by the prior mean.
+        m is the mass, and C the sum of the longitudinal stiffnesses at the prior mean.
         """
         at = dict(zip(self.prior.names, self.prior.mean, strict=True))
         front = float(np.exp(at.get("cx_front", 0.0)))
@@ -411,7 +412,7 @@ class CarProblem:
                     if k < self.car or k - self.car == i:
                         tables[g][:, k] = (changed[g] - base[g]) / by[k]
 
-        with ThreadPoolExecutor(self.jobs) as pool:  # the library releases Python's lock
+        with ThreadPoolExecutor(self.jobs) as pool:  # in parallel: the library releases Python's lock
             list(pool.map(run, runs))
         return tables
 
@@ -448,13 +449,16 @@ class CarProblem:
     # ---- slow part of residuals
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return residuals of a group together with the moving rms of their channel."""
+        """Return residuals of a group with the moving rms of the measured channel."""
         level = self.transform_difference(g, self._measured[g])
         square = compute_moving_average(level**2, max(1, round(ACTIVE_TIME / BLOCK_TIME)))
         return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)
 
     def measure_lasting(self, residuals: list[np.ndarray]) -> dict[str, Lasting]:
-        """Return power and walk (lasting.py) of the residuals, by channel of MEASURED."""
+        """Return power and walk of the residuals (see lasting.py) for each channel.
+
+        Channels are those of MEASURED that the logs have.
+        """
         pieces = {
             c: [self.make_piece(g, residuals[g]) for g, (_, own) in enumerate(self.groups) if own == c]
             for c in self.channels
@@ -466,7 +470,8 @@ class CarProblem:
 def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
     """Return the settings of the car that x describes.
 
-    The settings of its stiffnesses are those of the vehicle file, changed as x states.
+    Its stiffnesses are those of the vehicle file, multiplied by the ratios that
+    x describes.
     """
     config, _, stiffness = problem.make_settings(x)
     for key, setting in NOMINAL.items():
@@ -477,7 +482,7 @@ def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
 
 
 def list_latencies(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the latency [s] of each channel relative to yaw_rate. `values`: settings."""
+    """Return the latency [s] of each channel relative to yaw_rate, from settings."""
     return {c: values.get(c + LATENCY_SUFFIX, 0.0) for c in LATE_CHANNELS}
 
 

@@ -24,12 +24,12 @@ LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_
 LATENCY_SUFFIX = "_latency"
 LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # name of the unknown -> channel
 MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
-# Unknown.message -> sd of the error that all unknowns with this `message` have in common:
-# latency [s] of the channels in one message of the bus, relative error of the wheel
-# radii. The sd of the individual error of each unknown is smaller, because wheel speeds
-# come from one control unit, accelerations from one chip, and tyres are of one kind. A
-# latency between the wheel speeds of both axles has hardly any effect in a log, and with
-# a large sd it would absorb model errors
+# Key: Unknown.message. Value: sd of the error that all unknowns with this message have in
+# common: a latency [s] of the channels in one message of the bus, or a relative error of
+# the wheel radii. The sd of the individual error of each unknown is smaller, because
+# wheel speeds come from one control unit, accelerations from one chip, and tyres are of
+# one kind. A latency between the wheel speeds of both axles has hardly any effect in a
+# log, and with a large sd it would absorb model errors
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness / its value in the vehicle file)
 MAX_LN_STIFFNESS = 1.8  # bound of |ln(stiffness / its value in the vehicle file)|
@@ -44,9 +44,10 @@ COMPLIANCE = ("cy_front", "cy_rear")
 # accel_y or by different tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # [m/s2, rad/s] prior sd in each log
-# Setting of table [uncertainty] -> lower limit of the posterior sd that a calibration
-# writes there. The covariance does not account for these causes of error: roads differ in
-# lean, axles differ in relaxation, the steering is elastic, its zero changes every day
+# Key: setting of table [uncertainty]. Value: lower limit of the posterior sd that a
+# calibration writes there. The posterior covariance does not account for these causes of
+# error: roads differ in lean, axles differ in relaxation, the steering is elastic, and
+# its zero changes every day
 MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
@@ -89,7 +90,7 @@ def _make_latency(name: str, own: float, message: str = "") -> Unknown:
 
 # Prior means and sds follow from the typical sizes in src/tables/effects.toml. Those of
 # sensors follow from CAN cycle times of 10 .. 20 ms and filters of 10 .. 30 ms (latency),
-# mounting errors of 1 to 2 degrees, and scale errors of 1 %. fmt: off
+# mounting errors of 1 to 2 degrees, and scale errors of 1 %.
 UNKNOWNS: tuple[Unknown, ...] = (
     _make_latency("steer_angle", 0.025),
     _make_latency("wheel_speed_front", 0.0005, "wheels"),
@@ -154,7 +155,6 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
 )
-# fmt: on
 # Unknowns of a velocity sensor, if a log has one. The settings in VELOCITY_SD replace the
 # prior sds given here
 OF_VELOCITY: tuple[Unknown, ...] = (
@@ -165,8 +165,8 @@ OF_VELOCITY: tuple[Unknown, ...] = (
 )
 # name of an unknown of a velocity sensor -> setting with its prior sd
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
-# setting of table [uncertainty] -> unknown whose sd it is, both in the prior and in the
-# vehicle file that a calibration writes
+# Key: setting of table [uncertainty]. Value: unknown whose sd this setting is, both in
+# the prior and in the vehicle file that a calibration writes
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -177,8 +177,8 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# unknown that scales accel_y -> a second unknown that also does, and a factor. The factor
-# times the second unknown is the scale error that the second unknown causes
+# Key: unknown that is a scale error of accel_y. Value: a second unknown, which causes a
+# scale error of accel_y, too, and the ratio of this scale error to the second unknown
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads of a log; name_in_log() adds the index of the log
 

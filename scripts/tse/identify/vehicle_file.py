@@ -1,4 +1,7 @@
-"""Format the vehicle file of a calibration or a gap: the user's file with estimates."""
+"""Format the vehicle file that `tselab calibrate` and `tselab gap` write.
+
+It is the user's vehicle file with estimates instead of some of its values.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,8 @@ from tse.car.vehicle import (
 from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-# [pieces of LASTING_PIECE_TIME] weight of the prior value of model_sd: that of a log with
-# 20 s of curves
+# Weight of the prior value of model_sd, in pieces of LASTING_PIECE_TIME (10 s): the prior
+# value counts as much as an estimate from 20 s of curves
 PRIOR_PIECES = 2.0
 # [m/s2] lateral acceleration from which the `floor` of measure_share() is computed; the
 # same as MIN_ACTIVITY of the filter
@@ -92,10 +95,10 @@ def format_vehicle(
     calibration
         Lines of table [calibration].
     bands
-        By name of a setting: comment at the end of the line of this setting.
+        Key: name of a setting. Value: comment at the end of the line of this setting.
     notes
-        By id of an effect: comments below the heading of this effect. They are written
-        even if the effect is off.
+        Key: id of an effect. Value: comments below the heading of this effect. They are
+        written even if the effect is off.
     formula
         Path of the file with the formula; None: without formula.
     """

@@ -109,11 +109,11 @@ class EffectRow:
     """One row of src/tables/effects.toml."""
 
     id: str
-    hook: str
+    hook: str  # place in the model at which the function of the effect is called: INPUT, LAG, ...
     title: str
-    entry_points: tuple[str, ...]
-    channels: str
-    look_alikes: tuple[str, ...]  # ids of effects, or descriptions of other causes
+    entry_points: tuple[str, ...]  # parts of the model that the effect changes
+    channels: str  # channels in which the effect is visible, and when
+    look_alikes: tuple[str, ...]  # causes with a similar influence on the channels: ids or descriptions
     estimator: str  # description of how the filters use the effect
     bit: int  # number of its bit in tse_effects.mask
     filter: str  # filters whose estimate its settings change: both, default or none
@@ -725,7 +725,7 @@ class NativeFilter:
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Step the filter with rows of any number format; return the outputs."""
+        """Step the filter with rows of any numeric types; return the outputs."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
             given[name] = rows[name]
@@ -751,9 +751,9 @@ class NativeFilter:
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
         """Return the sd that each uncertain setting adds to the three stiffnesses.
 
-        Keys are the settings of src/tables/uncertainty.toml. The sds are those after the
-        last row, relative to the nominal stiffness. The filter with particles does not
-        compute them, and the result is {}."""
+        Keys are the settings of src/tables/uncertainty.toml. Values are the sds after the
+        last row, relative to the nominal stiffness. For the filter with particles, which
+        does not compute these sds, the result is {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
@@ -945,8 +945,9 @@ class Replay:
 
 
 def convert_stiffness(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convert the three stiffnesses in one output to N (cx_front) and N/rad (cy_front,
-    cy_rear). Return stiffness, stiffness_sd and stiffness_spread, three values each."""
+    """Convert the relative stiffnesses in one output to N (cx_front) and N/rad (cy_front,
+    cy_rear). Return stiffness, stiffness_sd and stiffness_spread, as tse_output defines
+    them, each with three values in the order of STIFFNESS."""
     lib = library()
     record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
     si = [np.zeros(3, lib.real) for _ in range(3)]

@@ -309,7 +309,7 @@ else:
 parse_toml = tomllib.loads
 
 INTEGER_LIMIT = 1 << 63  # an integer of TOML has 64 bits; Python would accept longer ones
-MAX_TOML_BYTES = 16 << 20  # [bytes] a signals.toml of 10 000 channels has 1 MB
+MAX_TOML_BYTES = 16 << 20  # [bytes] maximum size; a signals.toml of 10 000 channels has 1 MB
 MAX_TOML_DEPTH = 64  # max nesting depth of tables
 
 
@@ -321,7 +321,7 @@ def check_regular(path: Path, max_bytes: int, what: str) -> None:
     path : Path
         The file. A missing file or a directory is accepted: opening it raises the error.
     max_bytes : int
-        Maximum size, bytes.
+        [bytes] Maximum size.
     what : str
         The needed content, for the message. Example: "a TOML file".
 

@@ -241,15 +241,17 @@ BUSMASTER_LINE = re.compile(
     r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
-# mode of the times, from the header -> whether times of this mode are differences
+# Key: mode of the times, as the header names it. Value: True if each time is the
+# difference from the frame before
 BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}
 
 
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of a log of BUSMASTER.
 
-    The log gives the time of day, which restarts from 0 at midnight. A day is added then,
-    so that the times of the frames keep increasing."""
+    In RELATIVE MODE the times are differences, which are summed up. In all other modes
+    they may restart from 0 at midnight. A day is then added to all further times, so that
+    they keep increasing."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -442,7 +444,7 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Convert a time of day to s. Times do not restart from 0 at midnight."""
+            """Convert a time of day to s; after each midnight, add one more day."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
@@ -479,8 +481,9 @@ def _guess_tick(stamps: np.ndarray) -> float:
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
     """Return whether identifiers are decimal numbers, not hexadecimal ones.
 
-    They are decimal if the databases contain more of them when they are read as decimal
-    numbers. A letter or a leading 0 in any of them means that all are hexadecimal."""
+    They are read both ways. If the databases contain more of the decimal readings than
+    of the hexadecimal ones, the identifiers are decimal. If any identifier has a letter
+    or a leading 0, all are hexadecimal."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False

@@ -163,8 +163,9 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    Try first all repaired lines, then only the lines of messages and signals, then each
-    message alone. If cantools refuses a message, try each of its signals alone."""
+    First load all repaired lines. If cantools refuses them, load only the lines of
+    messages and signals. If it refuses these, too, load each message alone. Of a message
+    that is refused alone, only those signals are kept that can be loaded alone."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
@@ -195,10 +196,11 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 
 
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
-    """Return the messages, and (number of the line, text) of statements about signals.
+    """Split the text of a DBC into its messages and the statements about their signals.
 
-    These statements are values, types, comments and long names. A statement about a
-    signal that does not exist is left out."""
+    A statement about a signal gives its values, type, comment or long name, and is
+    returned as (number of its first line, text). If the signal does not exist, the
+    statement is left out."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):

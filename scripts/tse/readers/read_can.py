@@ -77,10 +77,10 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
 
 @dataclass
 class _Kept:
-    """Decoded values of one message.
+    """Decoded values of one message on one bus.
 
-    Signals that occur in the same frames have the same pattern, see _make_pattern(), and
-    share an entry of `frames`."""
+    A message may lack some of its signals in some frames. Signals that occur in the same
+    frames have the same pattern, see _make_pattern(), and share an entry of `frames`."""
 
     message: Any
     signals: list[Any]  # needed signals of the message
@@ -219,11 +219,13 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times [s] of those of `frames` that are kept, and an index.
+        """Select the kept ones of `frames`; return their times [s] and an index.
 
-        The index selects the values of a signal that belong to these times. It is a mask
-        of kept frames, an order by time, or slice(None) for all values. `place` has the
-        index in `time` of each frame. None: all frames are kept."""
+        `frames` has the numbers of the frames that contain a signal. The returned index
+        selects the values of this signal at the returned times. It is a mask of kept
+        frames, an order by time, or slice(None) for all values. `time` and `keep` are as
+        in channels(). `place` has, for each frame of the log, its index in `time`. None:
+        all frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen

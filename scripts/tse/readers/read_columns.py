@@ -103,7 +103,8 @@ def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]
 def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
     """Return a column that is read on demand.
 
-    `field` and `steps` are a field and its indices, as _flatten_fields() yields them."""
+    `field` and `steps` are a field and its indices, as _flatten_fields() yields them.
+    `rows` is the number of rows of the table. `read` returns a column of the file."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

@@ -20,7 +20,7 @@ from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recordi
 MAX_BYTES_AT_ONCE = 1 << 25
 # A matrix with more columns is skipped. Each column of any other matrix is a channel
 MAX_MATRIX_COLUMNS = 16
-MIN_VECTOR_LENGTH = 2
+MIN_VECTOR_LENGTH = 2  # a shorter vector is skipped
 COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
 # [bytes] largest unpacked size of a variable of version 5, enough for 30 h at 1 kHz
 MAX_VARIABLE_BYTES = 1 << 30
@@ -38,10 +38,11 @@ class LazyVector:
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read vectors and columns of matrices, named by their path in structs: car.speed.
+    """Read vectors and columns of matrices as channels.
 
-    The times of a vector are taken from the time vector of the same length that is
-    nearest to it in the tree of structs."""
+    The name of a channel is its path in the structs of the file, for example car.speed.
+    Its times are those of the time vector of the same length. If there are several such
+    time vectors, the nearest one in the tree of structs is used."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
@@ -100,7 +101,7 @@ def _load(v: np.ndarray | LazyVector) -> np.ndarray:
 
 
 def _strip_wrappers(name: str) -> str:
-    """Remove the structs that wrap a vector from its name: wheel.values gives wheel."""
+    """Remove general words, such as values, from the end: wheel.values gives wheel."""
     parts = name.split(".")
     while len(parts) > 1 and parts[-1].lower() in ("values", "value", "data", "signals", "samples", "y"):
         parts.pop()
@@ -108,7 +109,9 @@ def _strip_wrappers(name: str) -> str:
 
 
 def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bool:
-    """Return whether a vector has the name or unit of a time, and increases."""
+    """Return whether a vector has the name or unit of a time, and increases.
+
+    More than 90 % of its steps must be 0 or positive, and at least one positive."""
     w = split_words(name.rpartition(".")[2])
     is_named = bool(w) and (w[-1] in TIME_WORDS or w[0] in TIME_WORDS)
     if not is_named and unit_kind(units.get(name, "")) != "time":
@@ -173,8 +176,8 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 def _measure_unpacked(path: Path) -> int:
     """Return the unpacked size [bytes] of all variables in a file of version 5.
 
-    It is read from their headers. Wrong headers do no harm: scipy unpacks no more than
-    they state."""
+    The sizes are read from the headers of the variables. A wrong header does no harm:
+    scipy unpacks at most as many bytes as the header states."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -216,7 +219,8 @@ def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[
 def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
     """Yield a vector, or each column of a matrix, as floats.
 
-    A matrix with more than MAX_MATRIX_COLUMNS is skipped."""
+    A matrix with fewer rows than columns is transposed first. A matrix with more than
+    MAX_MATRIX_COLUMNS columns is skipped."""
     if value.dtype.kind not in "biuf":
         return
     value = np.squeeze(value)
@@ -269,7 +273,7 @@ def _split_dataset(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]
     if not 1 <= len(long) <= 2:
         yield from _split_columns(name, np.asarray(item))
         return
-    along = max(long, key=lambda axis: item.shape[axis])  # of axes of equal length, the first
+    along = max(long, key=lambda axis: item.shape[axis])  # the axis of the rows
     across = next((axis for axis in long if axis != along), None)
     count = 1 if across is None else item.shape[across]
     file, dataset = item.file.filename, item.name

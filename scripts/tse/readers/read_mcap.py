@@ -10,7 +10,9 @@ from tse.readers.recording import Collector, ReadOptions, Recording, import_opti
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of all messages as channels, named TOPIC.PATH."""
+    """Read the fields of all messages as channels.
+
+    A channel is named TOPIC.PATH, with the path of its field in the message."""
     mcap = import_optional("mcap.reader", "ros", str(path))
     collect, notes = Collector(path, how.wanted), []
     decoders: dict[int, Any] = {}

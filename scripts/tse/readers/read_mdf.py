@@ -59,9 +59,10 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# Kind of a block of MDF 4 -> its links to other lists. Each of them is given as the index
-# of the link, and the kinds of block to which it can lead. Link 0 is not given, because
-# it leads to the next block of the same list. Only in HL it leads to the first DL
+# Links between the lists of blocks of MDF 4. Key: kind of a block. Value: for each link
+# of the block to a different list, the index of the link and the kinds of block to which
+# the link can lead. Link 0 is listed for HL only, where it leads to the first DL. In all
+# other blocks it leads to the next block of the same list
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -71,9 +72,8 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# If a link should lead to a list of one of these kinds, but leads to a different block,
-# the file is damaged. A link to a list of any other kind may also lead to a block of a
-# kind that is not checked
+# If the first block of a list should have one of these kinds, but has a different one,
+# the file is damaged. Lists of other kinds may begin with a block that is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -141,7 +141,8 @@ def _is_finished(file: BinaryIO) -> bool:
 def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
     """Return the needed channels.
 
-    If several channels have the same name, the title of their group precedes the name."""
+    If several channels have the same name, each is named TITLE.NAME, with the title of
+    its channel group."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))

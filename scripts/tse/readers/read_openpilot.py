@@ -25,7 +25,7 @@ SERVICES = (
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of SERVICES as channels, named as carState.wheelSpeeds.fl."""
+    """Read the fields of SERVICES as channels with names like carState.wheelSpeeds.fl."""
     capnp = import_optional("capnp", "openpilot", str(path))
     spec = importlib.util.find_spec("openpilot_logging")
     if spec is None or not spec.submodule_search_locations:

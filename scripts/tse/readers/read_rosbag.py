@@ -11,7 +11,8 @@ from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
 OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op`: kind of a record of a ROS 1 bag
-# [bytes] largest size of a record and of an unpacked chunk; chunks of rosbag have 0.8 MB
+# [bytes] largest size of a record and of an unpacked chunk; the chunks that the tool
+# rosbag writes have 0.8 MB
 MAX_RECORD_BYTES = 1 << 30
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
@@ -32,7 +33,7 @@ def _is_closed(path: Path) -> bool:
 
 
 def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
-    """Return op, fields of the header and data of a record.
+    """Return kind (field `op`), header fields and data of a record.
 
     Raises
     ------
@@ -67,9 +68,9 @@ def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
 
 
 def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
-    """Yield topic, time [s], message and type of all messages of a ROS 1 bag.
+    """Yield topic, time [s], message and type of all messages of a bag without an index.
 
-    The bag has no index, so it is read from the front, up to the last complete chunk."""
+    The ROS 1 bag is read from its beginning up to the last complete chunk."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     known: dict[int, tuple[str, str]] = {}
     with open(path, "rb") as file:
@@ -101,7 +102,7 @@ def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any
 
 
 def _split_fields(data: bytes) -> dict[bytes, bytes]:
-    """Return name and value of the fields in the header of a record."""
+    """Return the values of the fields in the header of a record, by name."""
     found, at = {}, 0
     while at < len(data):
         size = struct.unpack_from("<I", data, at)[0]
@@ -131,7 +132,9 @@ def _find_bag(path: Path) -> Path:
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of all messages as channels, named TOPIC.PATH."""
+    """Read the fields of all messages as channels.
+
+    A channel is named TOPIC.PATH, with the path of its field in the message."""
     highlevel = import_optional("rosbags.highlevel", "ros", str(path))
     typesys = import_optional("rosbags.typesys", "ros", str(path))
     bag = _find_bag(path)

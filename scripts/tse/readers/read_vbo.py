@@ -56,7 +56,7 @@ SPEED_UNITS = {  # unit in a title of section [header] -> unit in a Recording
 MINUTES_PER_DEGREE = 60.0
 SATELLITES_MASK = 0x3F  # bits with the number of satellites; higher bits are flags (brake, DGPS)
 MIN_SATELLITES = 4  # least number of satellites from which a receiver computes a position
-# columns whose values are invalid in rows with fewer satellites
+# columns whose values are invalid in rows with fewer than MIN_SATELLITES satellites
 NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")
 
 
@@ -158,9 +158,10 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     """Return the unit of each column.
 
     Columns of the receiver have the units in RECEIVER_UNITS, unless their title in
-    [header] states a different unit, as "velocity mph". The lines of [channel units] are
-    the units of the last columns of the file. Lines that belong to columns of the
-    receiver are ignored, and so are surplus blank lines at the end of the section."""
+    [header] states a different unit, as "velocity mph". The last line of [channel units]
+    is the unit of the last column of the file, the line before that of the column before,
+    and so on. Lines that belong to columns of the receiver are ignored, and so are
+    surplus blank lines at the end of the section."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):

@@ -14,7 +14,8 @@ from tse.readers.bus_text import detect_bus_text
 from tse.readers.databases import DATABASE_SUFFIXES as DATABASES
 from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
-# name of a module without its prefix read_ -> suffixes and first bytes of its files
+# Key: name of a module of this folder, without its prefix read_. Value: suffixes, and
+# possible first bytes, of the files that the module reads
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "mdf": ((".mf4", ".mdf", ".dat", ".mf3"), (b"MDF     ", b"UnFinMF ")),
     "can": ((".blf", ".asc", ".trc", ".log", ".can"), (b"LOGG",)),
@@ -26,7 +27,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
-UNREADABLE = {  # suffix of a file that no module reads -> advice to the user
+UNREADABLE = {  # key: suffix of a file that no module reads; value: advice to the user
     ".xlsx": "save the sheet as CSV",
     ".xls": "save the sheet as CSV",
     ".ods": "save the sheet as CSV",
@@ -97,7 +98,7 @@ def choose_reader(path: Path) -> str:
             f"{path}: does not begin like a {suffix} file: it is cut off, or has a different format; "
             f"readable: {FORMATS}"
         )
-    if found == "can" and suffix in (".log", ".can") and text:  # suffixes of other text files, too
+    if found == "can" and suffix in (".log", ".can") and text:  # other text files have these suffixes, too
         return "text"
     if found in ("can", "openpilot", "vbo"):
         return found
@@ -122,7 +123,7 @@ def unpack_log(path: Path) -> Iterator[Path]:
     Parameters
     ----------
     path : Path
-        drive.csv.gz, or any file.
+        The log, packed by gzip (for example drive.csv.gz) or not.
 
     Yields
     ------

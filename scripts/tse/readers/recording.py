@@ -1,7 +1,8 @@
-"""Hold the channels of a log with the times, units and names of its file.
+"""Define Recording, which every reader returns, and functions that several readers need.
 
-Every reader returns a Recording. Functions that several readers need are here, too: they
-limit size, memory and time, import optional packages, and turn messages into channels."""
+A Recording has the channels of a log with the times, units and names in its file. The
+functions limit size, memory and time, import optional packages, and turn messages into
+channels."""
 
 from __future__ import annotations
 
@@ -112,12 +113,12 @@ class Recording:
         )
 
     def since_start(self) -> Recording:
-        """Return the recording with times that begin near 0, if they are since 1970.
+        """Return the recording with times that begin near 0.
 
-        If the first sample is at 1e6 s or later, its time in whole seconds is subtracted
-        from all times and added to `start`. Otherwise the times are unchanged. No
-        accuracy is lost before the subtraction: a double stores a present time since 1970
-        with an error below a microsecond."""
+        If the times are counted from 1970, so that the first sample is at 1e6 s or later,
+        the whole seconds of its time are subtracted from all times and added to `start`.
+        Otherwise the times are unchanged. No accuracy is lost before the subtraction: a
+        double stores a present time since 1970 with an error below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -151,9 +152,9 @@ class Growing:
         self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
 
     def set(self, place: int, value: float) -> None:
-        """Set the last value, or append one: `place` is the last index or a larger one.
+        """Set the value at index `place`, which is the last index or a larger one.
 
-        If `place` is beyond the next index, the values in between become NaN."""
+        If it is larger, the value is appended, and values in between are NaN."""
         self.pad(place)
         if place == len(self):
             self._values.append(value)
@@ -172,8 +173,8 @@ class Growing:
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] least number of bytes that these take in a file: a value of a signal, a row of a
-# table, a frame, a message
+# [bytes] least size in a file of a value of a signal, of a row of a table, of a frame of
+# a bus, and of a message
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
 BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
@@ -389,7 +390,8 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# longer than any line that is read: with a wrong separator, a line is a single cell
+# The limit is longer than any line that is read, because with a wrong separator a whole
+# line is a single cell
 csv.field_size_limit(1 << 22)
 
 
@@ -452,7 +454,8 @@ class ReadOptions:
     """Options of a reader, from table [log] of signals.toml and from the command line."""
 
     databases: tuple[Path, ...] = ()  # databases of the bus; (): those in the folder of the log
-    # None in the following members: the reader finds the value itself
+    # each of the following members may be None; the reader then finds the value itself,
+    # unless the comment of the member says otherwise
     time: str | None = None  # name of the time column
     time_unit: str | None = None
     step: float | None = None  # [s] time between rows of a table; used if it has no time column
@@ -497,7 +500,7 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
     module : str
         Module to import.
     extra : str
-        The extra of pyproject.toml that installs it.
+        Name of the extra (list of optional packages) in pyproject.toml that installs it.
     what : str
         The file that needs it, for the message.
 
@@ -592,7 +595,9 @@ class Collector:
         self._messages = 0
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
-        """Add one message. A time in its header, if there is one, replaces `time`.
+        """Add one message, at `time` or, if its header has a time, at that time.
+
+        `type_` is the type of the message, which determines the units of its fields.
 
         Raises
         ------

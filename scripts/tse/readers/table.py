@@ -27,10 +27,10 @@ TIME_WORDS = (
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
 MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
-# If the unit of a time column is unknown, the median step between rows implies it. Each
-# entry has the largest step from which a unit is concluded, the unit, and its length [s].
-# Rows of logs are 1 ms to 1 s apart, and the number for the same step grows by a factor
-# of 1000 from one unit to the next.
+# If the unit of a time column is unknown, it is concluded from the median step between
+# rows, a number without unit: the first entry whose limit is not below this number has
+# the unit. An entry is: limit, unit, length of the unit [s]. The limits follow from the
+# usual step of a log, 1 ms to 1 s, which is 0.001 .. 1 in s, 1 .. 1000 in ms, and so on.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 

@@ -83,9 +83,10 @@ def _derive_road(
     chosen such that the sum is the logged value in rows that have one, and the value of
     the settings in all other rows.
 
-    If the log has a column bank, the returned settings have bank_superelevation = 0. In
-    rows without a logged value, its effect, a bank of -bank_superelevation v r/g at the
-    speed v and the yaw rate r, is then part of the returned bank.
+    If the log has a column bank, the returned settings have bank_superelevation = 0,
+    because the logged bank already contains the effect of this setting. In rows without a
+    logged bank, the effect is part of the returned bank: it is
+    -bank_superelevation v r/g, with the speed v and the yaw rate r.
     """
     given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
@@ -135,7 +136,7 @@ def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
 
 
 def list_curves(table: pd.DataFrame) -> list[tuple[str, list[tuple[str, Any, Any]]]]:
-    """Return measured and simulated channels as the curves of plots.lines()."""
+    """Return measured and simulated channels in the form that plots.lines() draws."""
     t = table["time"]
     return [
         (

@@ -59,7 +59,7 @@ def make_square(t: np.ndarray, period: float) -> np.ndarray:
 def _make_square_waves(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make square waves: steering with a period of 4 s, drive torque with one of 5 s."""
+    """Make square waves: steering with period 4 s, drive torque with period 5 s."""
     return {"steer_angle": amplitude * make_square(t, 4.0), "wheel_torque_front": 700.0 * make_square(t, 5.0)}
 
 
@@ -148,9 +148,10 @@ def _make_stop_and_go(
 
 
 def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
-    """Return noise with sd 1 and correlation time `memory` [s], as of a human driver.
+    """Return low-pass noise with sd 1, like the small corrections of a human driver.
 
-    It is white noise behind two first-order low-pass filters. `step`: sample time [s]."""
+    Two first-order low-pass filters are applied to white noise. `n`: number of values.
+    `step`: sample time [s]. `memory`: time constant [s] of the slower filter."""
     from scipy.signal import lfilter
 
     a = np.exp(-step / memory)
@@ -212,16 +213,16 @@ def build(
     config
         Settings of the car.
     sample_time, duration
-        s. duration None: the default of the manoeuvre.
+        [s] Time between rows, and duration. duration None: the default of the manoeuvre.
     speed
-        m/s. None: the default of the manoeuvre.
+        [m/s] Speed at the start. None: the default of the manoeuvre.
     amplitude
         In the unit of the manoeuvre. None: its default.
     road
-        Changes of the road: (time [s], factor). From this time on, the factor multiplies
-        all stiffnesses. Before the first change it is 1.
+        Changes of the road surface: (time [s], factor) for each. From this time on, all
+        stiffnesses are multiplied by the factor. Before the first change it is 1.
     seed
-        Seed of random steering.
+        Seed of the random corrections of steering and speed.
 
     Raises
     ------

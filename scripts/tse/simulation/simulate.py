@@ -71,7 +71,7 @@ def simulate(
 
 
 def compute_travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """Return the distance travelled up to each row, m."""
+    """Return the distance [m] travelled up to each row."""
     return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
 
 
@@ -123,9 +123,9 @@ def drive(
 def _follow_speed(
     inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float
 ) -> None:
-    """Set the drive and brake torques of row i: a proportional controller of the speed.
+    """Set the drive and brake torques of row i by a proportional controller of the speed.
 
-    `now`: speed, m/s. `front`: share of the drive force at the front axle."""
+    `now`: present speed [m/s]. `front`: share of the drive force at the front axle."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
@@ -159,7 +159,7 @@ def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, con
     return pd.DataFrame(table)
 
 
-# columns of a log that the report draws -> columns of the truth
+# key: column of a log that the report draws; value: column of the truth with its values
 REFERENCE_COLUMNS = {
     "ref_vel_x": "true_vel_x",
     "ref_vel_y": "true_vel_y",
