@@ -263,7 +263,10 @@ def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
 
 
 def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
-    """Return the mean age [s] of the values of a channel that may repeat its samples."""
+    """Return the mean age [s] of the values of a channel that may repeat its samples.
+
+    The age of a value is the time since the row in which this value was new.
+    """
     there = np.isfinite(x)
     if not there.any():
         return 0.0
@@ -318,7 +321,7 @@ def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _estimate_noise(x: np.ndarray) -> float:
-    """Return the sd of the white noise of a channel, by its second differences."""
+    """Return the sd of the white noise of a channel, from its second differences."""
     good = x[np.isfinite(x)]
     if len(good) < 8:
         return 1e-6

@@ -11,13 +11,14 @@ used, so simulate() subtracts this age.
 
 accel_x is compared as a wheel speed. The difference e = measured - simulated becomes
     y = s + (m v/C) e, with ds/dt = e - s/SPEED_TIME,
-with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s is the
-difference in the speed of the car, a leaky integral. (m v/C) e is the difference in the
-slip speed of the wheels, which the force m e needs. So y is a difference in wheel speeds.
-A direct comparison would be biased: wheel speeds are inputs, so the simulated
-acceleration contains the derivative of their noise. A car with too soft tyres and too
-large wheel latencies averages this noise, and would fit accel_x better than the true car
-does. C is the prior mean and not an unknown, because it defines the comparison.
+with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s, a leaky
+integral of e, is the difference in the speed of the car. (m v/C) e is the difference in
+the slip speed of the wheels that the additional force m e causes. So y is a difference in
+wheel speeds. A direct comparison of accelerations would be biased: wheel speeds are
+inputs, so the simulated acceleration contains the derivative of their noise. Too soft
+tyres and too large wheel latencies would average this noise, and a car with them would
+fit accel_x better than the true car. C is the prior mean and not an unknown, because it
+defines the comparison.
 
 The wheels have a mean latency of 0 in the simulation: only the difference between the
 latencies of wheels and of accel_x is estimated. The common latency of both relative to

@@ -39,7 +39,8 @@ LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation 
 DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit
 INVERSE_STIFFNESS_SD = 1e3  # inverse stiffness, relative to the vehicle file: practically no prior
 BEND_SD = 0.25  # relative error of the nonlinear part of the slip and of the change of the radii
-PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)  # common to all logs
+# sds of the unknowns common to all logs, in the order of the columns of _Samples.x
+PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)
 
 # sd of ln(stiffness) caused by model errors (pitch, rolling radius under load, tyre
 # curve), which longer logs do not reduce. The rms of these errors for ten cars of
@@ -147,7 +148,8 @@ def estimate_longitudinal(
     config
         Settings of the vehicle file.
     values
-        Settings of a fit by name. A setting that is missing has its prior mean.
+        Estimates of a fit, by name of the setting. For a setting that is missing, the
+        prior mean is used.
     logs, vehicle
         As in apply_slip_regression().
     """

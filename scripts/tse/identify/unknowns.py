@@ -103,8 +103,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
     # sd for weighed axle loads; without them, the vehicle file states a larger cg_sd
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
-    # the ratio of the radii can hardly be separated from longitudinal stiffness, so its
-    # prior is that of wear and tyre pressure
+    # Logs can hardly distinguish the ratio of the radii from longitudinal stiffness. So
+    # its prior sd is only as large as the changes by wear and tyre pressure
     Unknown(
         "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),

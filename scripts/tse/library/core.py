@@ -725,7 +725,7 @@ class NativeFilter:
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Step the filter with rows of any numeric types; return the outputs."""
+        """Step the filter with rows of any numeric types; return an output for each."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
             given[name] = rows[name]

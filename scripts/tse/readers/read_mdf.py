@@ -209,7 +209,8 @@ def _decode_frames(
 ) -> dict[str, Channel]:
     """Return the signals in the frames of all buses, sorted by time.
 
-    `others`: whether the file has other channels. If not, a database is required."""
+    `others`: whether the file has other channels. If it has none, a missing database is
+    an error. Otherwise the frames are skipped if there is no database."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):

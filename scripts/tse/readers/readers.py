@@ -108,7 +108,7 @@ def choose_reader(path: Path) -> str:
 
 
 GZIP = b"\x1f\x8b"  # first bytes of a gzip file
-MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking that is always allowed
+MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking up to which every gzip file is read
 # largest allowed ratio of unpacked to packed size, if the unpacked size is above
 # MIN_UNPACKED_LIMIT
 MAX_UNPACKED_RATIO = 40

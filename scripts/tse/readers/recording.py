@@ -378,7 +378,9 @@ def _watch_thread(path: Path, limit: float) -> Iterator[None]:
 
 
 def _release_frames(error: BaseException) -> None:
-    """Release the objects of an interrupted reader and suppress messages of __del__()."""
+    """Release the objects of an interrupted reader, which `error` keeps in memory.
+
+    Messages of their methods __del__() are suppressed."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
