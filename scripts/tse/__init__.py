@@ -104,8 +104,8 @@ __all__ = [
 
 _MODULES = ("errors", "files", "tables")
 # Key: public name. Value: module that defines it. A module is imported when one of its
-# names is first used. `tselab --help` imports tse, too, and need not wait for numpy and
-# pandas
+# names is first used. So `tselab --help`, which imports tse, does not wait for numpy and
+# pandas.
 _LATER = {
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
     **dict.fromkeys(("Result", "estimate"), "tse._estimate"),

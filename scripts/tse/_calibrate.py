@@ -20,7 +20,7 @@ from tse.log.rows import Reading
 from tse.report import results
 from tse.roads.road import Road
 
-NOT_CONVERGED = 12  # exit code
+NOT_CONVERGED = 12  # exit code if the fit did not converge
 
 
 class Calibration(Shown):
@@ -60,7 +60,7 @@ class Calibration(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The result in a few sentences, which are the last lines that `tselab calibrate`
+        """The result in a few sentences: the last lines that `tselab calibrate`
         prints."""
         return tuple(summarise_result(self._result, self.stiffness))
 

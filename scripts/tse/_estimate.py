@@ -107,10 +107,10 @@ class Result(Shown):
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) spread, in the units of `stiffness`. With the forms "robust" and "paper"
-        it is the standard deviation of the stiffness from sample to sample. With the
-        default form it is the size of the model discrepancy, expressed as a
-        stiffness."""
+        """(n, 3) spread, in the units of `stiffness`. For the forms "robust" and "paper",
+        the spread is the standard deviation with which the stiffness varies from sample
+        to sample. For the default form, it is the size of the model discrepancy,
+        expressed as a stiffness."""
         return self._select_three("_spread")
 
     @property
@@ -130,7 +130,7 @@ class Result(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result in sentences, which `tselab estimate --verbose` prints last.
+        """The result in sentences: the last ones that `tselab estimate --verbose` prints.
 
         For an uncalibrated car the first sentence gives the stiffness that
         the calibration on the log itself found, or says that there was no
@@ -141,14 +141,15 @@ class Result(Shown):
 
     @property
     def stretch_words(self) -> tuple[tuple[str, ...], ...]:
-        """Sentences for each stretch of road between changes."""
+        """For each stretch of road between two changes, a tuple of sentences about it."""
         return tuple(tuple(f.lines()) for f in self._get_findings()[0])
 
     @property
     def answer(self) -> tuple[str, ...]:
         """Three lines: each stiffness with its 95 % interval, and whether it is usable.
-        If the road changed, there are three lines for each of the last two stretches of
-        road between changes. `repr()` returns the same."""
+        If the road changed, the log is divided into stretches at the changes, and there
+        are three lines for each of the last two stretches. `repr()` returns the lines as
+        one string."""
         return tuple(make_answer(self._get_findings()[0], self._make_config()))
 
     def __repr__(self) -> str:
@@ -156,8 +157,8 @@ class Result(Shown):
 
     @property
     def usable(self) -> results.Usable:
-        """ "yes": every stiffness is usable; "in part": only some are; "no": none is. The
-        exit code of `tselab estimate` follows from it."""
+        """ "yes": every stiffness is usable; "in part": only some are; "no": none is. It
+        has the same meaning as `exit_code`."""
         return results.CODES[self.exit_code]
 
     @property
@@ -196,13 +197,15 @@ class Result(Shown):
     @property
     def messages(self) -> tuple[str, ...]:
         """`warnings` and `notes` in the order in which `tselab estimate` prints them,
-        without the notes on values that were filled in."""
+        without the notes on values that the vehicle file lacks and that were filled
+        in."""
         return tuple(self._get_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """The `messages` about what may be wrong: `warnings`, contradictions between
-        channels that the rows do not confirm, and warnings from reading the log."""
+        """The `messages` about what may be wrong: `warnings`, possible contradictions
+        between channels that the estimates do not confirm, and warnings from reading the
+        log."""
         _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
@@ -400,8 +403,8 @@ def estimate(
         Filter.save_learnt()), or the Path of a file with it. None: the filter
         starts from the settings.
     age
-        [s] Time since the drive on which `learnt` was learnt. By default it is the age of
-        the file. For bytes it is unknown by default.
+        [s] Time since the drive on which `learnt` was learnt. By default, it is the age
+        of the file if `learnt` is a Path, and unknown if `learnt` is bytes.
     calibrate
         Whether a car without calibrated stiffness is first calibrated on this log
         (Result.calibration). If `learnt` is given, the car is never calibrated.
@@ -430,10 +433,10 @@ def estimate(
     Returns
     -------
     Result
-        The estimates have the same bits as those of `tselab estimate`, and as those of
-        `result.filter()` over the same rows. Only the validity differs if channels
-        contradict each other, since a filter cannot detect a contradiction in single
-        rows.
+        `tselab estimate` computes the same estimates bit by bit, and so does
+        `result.filter()` if it is given the same rows. If channels contradict each other,
+        only the validity differs, because a filter that gets single rows cannot detect
+        the contradiction.
 
     Raises
     ------
@@ -446,8 +449,8 @@ def estimate(
 
     Notes
     -----
-    Noise and biases of the sensors that the vehicle does not state are estimated from the
-    log. Missing channels, impossible single values and a clock that jumps do not end the
+    If the vehicle does not state noise and biases of the sensors, they are estimated from
+    the log. Missing channels, impossible single values and a clock that jumps do not end the
     run; Result.notes names them. If channels contradict each other, a UserWarning names
     them (Result.warnings) and nothing is usable.
     """

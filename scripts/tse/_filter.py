@@ -40,13 +40,13 @@ class Filter:
         valid without a mass.
     settings
         Any settings by name (`tselab settings` lists them with default, range and unit).
-        They override the vehicle's.
+        They override those of the vehicle.
     form
         "default", or a particle filter: "paper" is the paper's filter as printed,
         "robust" the same with settings that keep it from diverging.
     sample_time
-        Usual time between rows, 0.001 .. 1 s. None: the setting
-        sample_time, by default 0.01 s.
+        [s] Usual time between rows, 0.001 .. 1. None: the value of the setting
+        sample_time, by default 0.01.
 
     Raises
     ------
@@ -58,8 +58,8 @@ class Filter:
     -----
     If the vehicle does not state noise and bias of a sensor, the defaults of the library
     are used. estimate() estimates them from the log instead. Its `result.filter()`
-    returns a filter with the settings of that run, whose estimates over the same rows
-    have the same bits.
+    returns a filter with the settings of that run. From the same rows, this filter
+    computes the same estimates bit by bit.
     Filters do not share state. One filter must not be used by two threads at once. copy()
     and the module copy make an independent filter. A filter cannot be pickled.
     """
@@ -110,10 +110,11 @@ class Filter:
         """[s] Delay of each channel relative to yaw_rate.
 
         The delays are the settings `steer_angle_latency` and the like, or the table
-        `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, each row
-        waits until the values of its delayed channels have arrived. During this time
-        the status is WAITING. The estimates refer to a time that is `estimate_age` [s]
-        before the row."""
+        `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, a row is
+        used only when the values of its delayed channels have arrived in later rows. So
+        the estimates after a row refer to a time that is `estimate_age` [s] before it.
+        If the filter makes no step after a row, the status is WAITING, and the estimates
+        are those of the last step."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
             for c in CHANNELS
@@ -273,9 +274,10 @@ class Filter:
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Return the contributions of the uncertain parameters of the car to the present
-        sd. Key: parameter (`mass_sd` ...). Value: (3,) the part of the sd of the three
-        stiffnesses that this parameter causes, relative to the nominal stiffness."""
+        """Return how much each uncertain parameter of the car contributes to the present
+        sds of the stiffnesses. Key: name of the sd of the parameter (`mass_sd` ...).
+        Value: (3,) sd that this parameter causes in each stiffness, as a ratio to the
+        nominal stiffness."""
         return self._filter.uncertainty_sd()
 
 
@@ -287,8 +289,8 @@ def check_form(form: Any) -> None:
 
 
 def _read_sample_time(value: Any) -> float:
-    """Return the sample time as a number, s. Raise SettingError if it is not a number
-    within its range."""
+    """Return the sample time [s] as a number. Raise SettingError if `value` is not a
+    number within the range of sample_time."""
     try:
         seconds = float(value)
     except (TypeError, ValueError, OverflowError):

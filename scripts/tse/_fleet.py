@@ -42,7 +42,7 @@ class Fleet(Shown):
 
     @property
     def hours(self) -> float:
-        """Total duration of all logs, h."""
+        """[h] Total duration of all logs."""
         return sum(d.outcome.seconds for d in self._done) / 3600
 
     @property
@@ -185,7 +185,8 @@ def fleet(
     learn
         Whether each drive starts from the learnt state of the previous drive of the car.
     calibrate
-        Whether a car without calibrated stiffness is first calibrated on its first logs.
+        Whether a car without calibrated stiffness is calibrated on its first logs before
+        they are estimated.
     reports
         Whether a page is written for each log.
     estimates
@@ -195,8 +196,8 @@ def fleet(
     jobs
         Number of processes on this machine that run logs. 1: only the calling process.
     isolate
-        Whether even a single job runs in a separate process. If that process dies, its
-        log gets an error, and the call goes on.
+        Whether logs run in a separate process even if `jobs` is 1. If that process dies,
+        its log gets an error, and the call goes on.
     scheduler
         Address of a Dask cluster that runs the logs, such as "tcp://host:8786".
     bar

@@ -102,8 +102,8 @@ class Gap(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row for each named effect, and for each channel with a
-        delay that was found."""
+        """Return a table with a row for each named effect, and a row for each channel in
+        which a delay was found."""
         verdict = self.to_dict()
         late = [{"id": s.pop("id"), "parameters": {"time": s}} for s in verdict["sensors"]]
         return pd.DataFrame([*verdict["effects"], *late])
@@ -149,8 +149,8 @@ def gap(
     jobs
         Number of simulations that run in parallel.
     formula
-        Whether to search for a formula even if the named effects explain the residuals
-        completely.
+        Whether to search for a formula (an effect that is not in the catalogue) even if
+        the named effects explain the residuals completely.
     road
         Bank and grade of the road that all logs were driven on: a file road.csv, or a
         Road. None: they are estimated where the logs determine them.
@@ -162,7 +162,8 @@ def gap(
     Returns
     -------
     Gap
-        Its `words` are the verdict, its `vehicle` is the car with the named effects.
+        The result. `words` is the verdict, and `vehicle` the car with the named
+        effects.
     """
     keep = None if out is not None else tempfile.TemporaryDirectory(prefix="tse-gap-")
     folder = Path(out) if out is not None else Path(keep.name if keep else "")

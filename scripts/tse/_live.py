@@ -126,8 +126,9 @@ class Live:
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness with its 95 % interval. During the drive, they have
-        the present estimates; after close(), the results of the whole drive."""
+        """Three lines: each stiffness with its 95 % interval. During the drive, the
+        values are the present estimates. After close(), they are the results of the whole
+        drive."""
         found = self._get_result()[1] if self._drive.closed else self._drive.now()
         return tuple(make_answer(found, self._drive.config))
 
@@ -261,8 +262,8 @@ def live(
         Learnt state of an earlier drive of this vehicle (Live.learnt or Result.learnt),
         or the Path of a file with it.
     age
-        [s] Time since the drive on which `learnt` was learnt. By default it is the age of
-        the file. For bytes it is unknown by default.
+        [s] Time since the drive on which `learnt` was learnt. By default, it is the age
+        of the file if `learnt` is a Path, and unknown if `learnt` is bytes.
     rate
         Rows per second. None: the rate of the fastest channel, at most 100.
     duration
@@ -276,8 +277,8 @@ def live(
     Returns
     -------
     Live
-        The running drive. Its estimates have the same bits as those of `tselab live`, and
-        as those of estimate() over the recorded rows with the same settings.
+        The running drive. `tselab live` computes the same estimates bit by bit, and so
+        does estimate() from the recorded rows with the same settings.
 
     Raises
     ------

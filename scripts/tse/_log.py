@@ -104,13 +104,13 @@ def read_log(
         rad/s, and its steering ratio converts the angle of the steering wheel
         to that of the road wheels.
     signals
-        The file that assigns signals to channels. None: the signals.toml next to the log
-        or, if there is none, the assignment is guessed.
+        The file that assigns signals to channels. None: the file signals.toml next to the
+        log is used. If there is none, the assignment is guessed.
     rate
         [Hz] Rate of the rows. None: the rate in `signals` or, if it has none, the rate of
         the log.
     strict
-        Whether a problem that is normally a warning raises an Error.
+        True: problems that normally give a warning raise an Error.
     databases
         Databases of the CAN bus, such as DBC files.
 
@@ -258,9 +258,9 @@ class Signals(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row per signal: name, unit, rate [Hz], low, high
-        (range of its values), missing (share of missing values), used (channel
-        that it is proposed for)."""
+        """Return a table with a row per signal. Columns: name, unit, rate [Hz], low, high
+        (range of the values), missing (share of missing values), used (channel for which
+        the signal is proposed)."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:

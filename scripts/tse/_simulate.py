@@ -98,8 +98,8 @@ def simulate(
         --help` gives the meaning and unit of the amplitude, usually rad of steering.
         None: the manoeuvre's own value.
     road_changes
-        Pairs (time [s], factor). From that time on, every stiffness is the factor times
-        its nominal value.
+        Pairs (time [s], factor). From the time of a pair on, every stiffness is the
+        factor of this pair times its nominal value.
     settings
         Any settings of the simulator (`tselab settings --simulator`) or of the car.
         `wheel_speed_sd` is 0.02 rad/s unless it is given here, because real wheel speeds
@@ -158,8 +158,9 @@ class Replayed(Shown):
         road on which the log was driven."""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time; accel_x, accel_y, yaw_rate as logged; their simulated
-        values in columns ending in _simulated; simulated vel_x, vel_y."""
+        """Return the rows. Columns: time; logged accel_x, accel_y and yaw_rate; the
+        simulated values of these three channels, in columns that end in _simulated; and
+        vel_x and vel_y, which are simulated."""
         return self._table
 
     def apart(self) -> dict[str, along.ModelMisfit]:
@@ -168,10 +169,10 @@ class Replayed(Shown):
         Returns
         -------
         dict
-            Key: channel. Value: rms of the difference without its mean, since the mean is
-            the bias of the sensor; ratio of this rms to the sd of the white noise of the
-            channel in this log; the mean; the unit. NaN: the log does not have the
-            channel.
+            Key: channel. Value: rms of the difference after its mean is subtracted (the
+            mean is the bias of the sensor); ratio of this rms to the sd of the white
+            noise of the channel in this log; the mean; the unit. NaN: the log does not
+            have the channel.
         """
         return along.measure_misfit(self._table)
 
@@ -227,8 +228,8 @@ def replay(
     log
         A file, a data frame, or the result of read_log(). Missing steering angles
         and wheel speeds are interpolated between neighbouring rows. A channel
-        with a latency in the settings of the car (such as accel_y_latency) is
-        simulated with the same delay.
+        that has a latency in the settings of the car (such as accel_y_latency) is
+        simulated with this delay.
     vehicle
         As in estimate().
     settings

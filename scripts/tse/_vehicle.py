@@ -45,8 +45,8 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
     Returns
     -------
     Vehicle
-        The car. `values` has all settings by name, `filled` a sentence for each value
-        that a rule has filled in, `notes` further sentences.
+        The car. `values` has all settings by name. `filled` has a sentence for each value
+        that was left out and filled in by a rule. `notes` has further sentences.
 
     Raises
     ------
@@ -135,9 +135,11 @@ def _copy_plain(value: Any) -> Any:
 
 
 def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
-    """Return the path of the vehicle file. For a mapping, write the file into `folder`.
+    """Return the path of the vehicle file. If `vehicle` is a mapping, write it to a file
+    in `folder`, and return the path of that file.
 
-    Raise UserError if a Vehicle was not read from a file, or was changed since."""
+    Raise UserError if `vehicle` is a Vehicle that was not read from a file, or that was
+    changed after it was read."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
             raise UserError("the vehicle is not read from a file: give a file or a mapping with its keys")

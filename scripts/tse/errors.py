@@ -14,7 +14,7 @@ __all__ = ["Error", "InputError", "Interrupted", "LearntError", "NoFile", "Setti
 
 
 class InputError(Error, ValueError):
-    """The filter refuses a row. The state of the filter is still that before the row."""
+    """The filter refuses a row. The row has not changed the state of the filter."""
 
     def __init__(self, text: str, field: str):
         super().__init__(text)
@@ -23,8 +23,8 @@ class InputError(Error, ValueError):
 
 
 def __getattr__(name: str) -> Any:
-    """Import LearntError and SettingError at their first use: their module imports numpy,
-    for which `tselab --help` must not wait."""
+    """Import LearntError and SettingError at their first use. Their module imports numpy,
+    which is slow, and `tselab --help` must not wait for it."""
     if name not in ("LearntError", "SettingError"):
         raise AttributeError(f"module 'tse.errors' has no attribute {name!r}")
     from tse.library import core

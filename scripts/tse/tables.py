@@ -131,7 +131,8 @@ def check_setting(name: str, value: float, *, source: str = "", simulator: bool 
         Where the setting comes from, such as the name of an option.
         The message begins with it.
     simulator
-        Whether the settings of the simulator are searched first.
+        True: look for the name among the settings of the simulator first, then among
+        those of the filter. False: look for it only among those of the filter.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 """Run the filter over a log and write the table of estimates (EST.csv or .parquet).
 
-A run may start from the learnt state of an earlier drive: what the filter has learnt
-about the car there, as bytes that the library writes and reads (tse/learnt.h)."""
+A run may start from the learnt state of an earlier drive. It contains what the filter
+learnt about the car on that drive, as bytes that the library writes and reads
+(tse/learnt.h)."""
 
 from __future__ import annotations
 
@@ -43,7 +44,9 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MAX_LEARNT = 1 << 16  # [bytes] read at most this much of a file; every learnt state is shorter
+# [bytes] At most this much of a file is read as a learnt state, because a learnt state is
+# shorter. A longer file is not a learnt state
+MAX_LEARNT = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -138,9 +141,9 @@ def _find_kind(column: Any) -> tuple[str, bool, bool]:
     same : bool
         True if all cells have the same text. Only one cell is then converted.
     plain : bool
-        True if all numbers have a fractional part. Otherwise, orjson writes a missing
-        number as "null" and an integer as "2.0", and _join_cells() must replace these
-        strings by "" and "2"."""
+        True if all numbers have a fractional part. If not, some numbers are missing or
+        integers. orjson writes a missing number as "null" and the integer 2 as "2.0", and
+        _join_cells() must replace these strings by "" and "2"."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
@@ -270,8 +273,8 @@ def list_est_fields() -> list[Field]:
 
 
 def _find_generation(name: str) -> int:
-    """Return the number of the version in which an output was added to EST.csv: 0 for the
-    first version, 4 for the last one."""
+    """Return in which version of EST.csv an output was added: 0 for the first version of
+    the file, 4 for the latest."""
     if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
@@ -365,9 +368,9 @@ def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], o
 
 
 def convert_to_single(block: Columns) -> Block:
-    """Return estimates in single precision, in which they are written to files.
+    """Return estimates in single precision, the precision of the files.
 
-    More digits would not be significant, and would double the size of the file and the
+    Further digits would not be significant. They would double the size of a file and the
     time to write it. The columns of DOUBLE keep double precision."""
     return {
         name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column

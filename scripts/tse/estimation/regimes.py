@@ -26,10 +26,11 @@ REGIMES = {
 }
 # Meaning of the values of the column change_kind. 0 means that nothing has changed yet.
 KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}
-# change_kind -> stiffnesses that such a change affects. Their ratios are reported.
+# change_kind -> stiffnesses that a change of this kind affects. For each of them, the
+# ratio (value after / value before) is reported.
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
-# Some regimes are reported as intervals of time. Key: column with the probability of such
-# a regime. Value: name of the interval
+# Regimes that are reported as intervals of time. Key: column with the probability of the
+# regime. Value: name of the interval
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
 # Columns in which events are found -> smallest type that holds the values
 EVENT_COLUMNS: dict[str, type] = {
@@ -47,10 +48,10 @@ MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
 # [s] Max time between two reports of the same change, and between two intervals of the
 # same event that are joined
 MAX_JOINED_GAP = 0.5
-MIN_CHANGE = 0.05  # [1] min relative change of stiffness that is reported
+MIN_CHANGE = 0.05  # [1] a change is reported if a stiffness changes by more than this
 MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
-# [1/s] Max rate at which an estimate may drift before a change begins, as a share of the
-# size of the change
+# [1/s] A drift of the estimates at a lower rate does not count as the begin of a change.
+# Unit of the drift: size of the change
 CREEP = 0.01
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
@@ -59,10 +60,10 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 class Change:
     """A change of tyres or road.
 
-    `time` [s] is the time at which the change began. `believed` [s] is the time from
-    which on the estimates describe the road after the change; None: this is `time`.
-    `ratio` has for each stiffness that the change affects: (value after / value before,
-    sd of this ratio). The sd is NaN if it is unknown."""
+    `time` [s] is the time at which the change began. `believed` [s] is the time after
+    which the estimates describe the new road. If it is None, this time is `time`. `ratio`
+    has a pair for each stiffness that the change affects: value after / value before, and
+    the sd of this ratio. The sd is NaN if it is unknown."""
 
     time: float
     kind: int
@@ -122,8 +123,8 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        # Adding 0.0 turns -0.0 into 0.0. The start is slightly negative if the estimates
-        # in the first row refer to a time before the log.
+        # The start is slightly negative if the estimates in the first row refer to a time
+        # before the log. It is then rounded to -0.0, and adding 0.0 turns this into 0.0.
         start = round(self.start, 1) + 0.0
         return f"{start:.1f} .. {self.end:.1f} s"
 
@@ -140,10 +141,10 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
 def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Each row has the age of the last change that the filter has detected (change_age), and
-    thus the time of this change. Rows whose times of the change differ by at most
-    MAX_JOINED_GAP report the same change. Kind and ratios are those in the last of these
-    rows. A change is left out if both the median of its probability over these rows and
+    Each row reports the last change that the filter has detected. Its time is the time of
+    the row minus its age (column change_age). If two rows report times that differ by at
+    most MAX_JOINED_GAP, they report the same change. Kind and ratios are taken from the
+    last row that reports the change. A change is left out if both the median of its probability over these rows and
     the probability in the last row are below MIN_EVENT_PROBABILITY, or if no stiffness
     changes by more than MIN_CHANGE.
 
@@ -207,16 +208,19 @@ def _find_begin(
 
     Until the filter detects the change, it attributes the new samples to the old road. So
     the estimated means drift towards the means of the new road, which are those of row
-    `last`. The drift between a row and row `before` is expressed as a share of the whole
-    change, and averaged over the stiffnesses that the change affects. The change began at
-    the row at which this share minus CREEP times the time until row `before` is largest.
+    `last`. For each row, the drift from this row to row `before` is computed: as a share
+    of the whole change, averaged over the stiffnesses that the change affects. Returned
+    is the row with the largest value of drift - CREEP * (time from this row to `before`).
 
-    A mean also moves while the filter still learns the stiffness on the old road. During
-    this time the variance decreases. Therefore 1.96 times the square root of this
-    decrease is subtracted from the movement, and only the rest counts as drift."""
+    A mean also moves while the filter still learns the stiffness of the old road. Then
+    its variance decreases. Therefore only the part of the movement that exceeds 1.96
+    times the square root of this decrease counts as drift.
+
+    `columns`: columns of EST.csv. `time`: [s] time of each row. `kind`: change_kind."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    # The drift is a share of at most 1. More than 1 / CREEP seconds before row `before`,
-    # it is therefore smaller than CREEP times the time, and these rows need no check.
+    # The drift is a share of at most 1. In rows more than 1 / CREEP seconds before row
+    # `before`, drift - CREEP * time is therefore negative. In row `before` it is 0, so
+    # these earlier rows cannot be the result.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
     drift = np.zeros(max(0, before + 1 - first))
     if not keys or not len(drift):
@@ -259,8 +263,8 @@ def find_spells(table: pd.DataFrame) -> list[Spell]:
 
 
 def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return the number of the channel at fault in each row, with missing numbers filled
-    in.
+    """Return the number of the channel at fault in each row. Numbers that are missing at
+    the start of a fault are filled in.
 
     In the first rows of a fault, the channel may still be unknown (0). Such a row gets
     the number of the next row of the same run in which the channel is known. `runs` has a

@@ -14,10 +14,11 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min share of the variance in a row that later rows can reduce. The reducible part is the
-# variance minus the part that is common to all rows. compute_fixed_parts() computes the
-# common part at the end of the log. It may exceed the variance in an earlier row, and the
-# reducible part would then be negative.
+# Min value of (reducible part of the variance / variance) in a row. The reducible part,
+# which later rows can reduce, is the variance minus the part that is common to all rows.
+# compute_fixed_parts() computes the common part at the end of the log. This part may
+# exceed the variance in an earlier row. Without the limit, the reducible part would then
+# be negative.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -32,7 +33,7 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
         Mean and variance of the filter in each row, given the rows up to this one.
     walk : (n - 1,) array
         Variance that the random walk adds from each row to the next. If the filter's
-        variance rises by more than this between two rows, its rise is used.
+        variance rises by more than this between two rows, the rise is used instead.
 
     Returns
     -------
@@ -56,8 +57,8 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the part of the relative variance of each stiffness that measurements do not
-    reduce. It comes from model error and uncertain parameters of the car.
+    """Return, for each stiffness, the part of the relative variance that measurements do
+    not reduce. It is caused by model error and by uncertain parameters of the car.
 
     Parameters
     ----------

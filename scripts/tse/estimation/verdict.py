@@ -59,10 +59,11 @@ AT_FAULT = ("sensor fault", "implausible")
 # sd, and the limit that the sd exceeds
 LIMITED = ("uncertain", "parameters uncertain")
 # If a log has at least MANY_CHANGES changes, and the mean time between them is below
-# CHANGE_INTERVAL [s], a remark says that they are implausible: a road does not change so
-# often, so probably a channel or the vehicle file is wrong.
+# CHANGE_INTERVAL [s], a remark says that the changes are implausible. A road does not
+# change so often, so probably a channel or the vehicle file is wrong.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
-NOISY = 1.25  # min reported ratio of the estimated noise of a channel to its setting
+# The noise of a channel is reported if its estimate exceeds this factor times its setting
+NOISY = 1.25
 # Reasons of rows in which the filter does not check whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
 # [s] If the channels first contradict each other after more than this driving time, a
@@ -78,10 +79,13 @@ RECENT = 1.0
 # more than UNCERTAIN_SHARE of the variance, and an sd above MIN_UNCERTAIN * stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max difference of the estimated lag of the steering angle from the vehicle file, in
-# prior sds. A larger difference means that a different logger or signal was used.
+# Max difference between the estimated lag of the steering angle and the lag in the
+# vehicle file, in prior sds. A larger difference means that a different logger or signal
+# was used.
 UNLIKELY = 3.0
-MIN_VALID = 0.005  # a stiffness counts as valid if at least this share of the rows is valid
+# A stiffness counts as valid on a log or stretch if at least this share of its rows is
+# valid
+MIN_VALID = 0.005
 DEG_PER_RAD = 180 / np.pi  # [deg/rad]
 
 
@@ -91,7 +95,7 @@ class Verdict:
 
     key: str
     name: str
-    level: str  # good, partly, none
+    level: str  # how far the stiffness is usable: good, partly, none
     unit: str
     # Value at the end of the stretch of road; with a particle filter, the median over the
     # valid rows
@@ -227,9 +231,9 @@ def make_findings(
     return one finding for the whole log.
 
     Stretches are judged separately, because a mean over two roads describes neither of
-    them. On a stretch the filter does not forget. So its value at the end of the stretch
-    is the best one, because it has used all rows. This value is reported with its
-    interval even if no row is valid, next to the smoothed value of the stretch.
+    them. On a stretch, the filter forgets no row. So its value at the end of the stretch
+    uses all rows, and is the best one. This value is reported with its interval even if
+    no row is valid, next to the smoothed value of the stretch.
 
     `uncertainty_sd` is the result of Filter.uncertainty_sd() after the last row.
     `contradictions` are the sentences of check_car(). If there are any, no stiffness of
@@ -253,11 +257,13 @@ def describe_implausible(table: pd.DataFrame) -> str:
     """Return a sentence if the filter finds that the channels contradict each other in
     the log as a whole; otherwise an empty string.
 
-    This is the case if more than the share MIN_IMPLAUSIBLE of the driven rows is
-    implausible, and also the last driven row, because a wrong unit, sign or axle persists
-    to the end. It is not the case if a channel fails during the drive. Then fewer rows
-    are implausible, or the first of them comes after AGREED, the channel is not a wheel
-    speed, and the error is not a constant factor. Only these rows are then not valid.
+    This requires that more than the share MIN_IMPLAUSIBLE of the driven rows is
+    implausible, and that the last driven row is implausible, too, because a wrong unit,
+    sign or axle persists to the end.
+
+    There is an exception: a channel that fails during the drive. It is assumed if the
+    first implausible row comes after AGREED, the channel is not a wheel speed, and the
+    error is not a constant factor. Then only the implausible rows are not valid.
 
     The filter checks each row (src/filter/plausible.c), but only after some bends,
     accelerations and decelerations."""
@@ -366,8 +372,8 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
     """Return a list with one sentence if the estimated lag of the steering angle differs
-    from that of the vehicle file by more than UNLIKELY prior sds; otherwise an empty
-    list."""
+    from the lag in the vehicle file by more than UNLIKELY prior sds. Otherwise return an
+    empty list."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -524,8 +530,8 @@ def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Return the sideslip angle whose 95 % interval is farthest from 0. Only rows in
-    which the motion of the car is estimated are used."""
+    """Return the verdict on the largest sideslip angle: the one whose 95 % interval is
+    farthest from 0. Rows without an estimate of the motion of the car are not used."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None

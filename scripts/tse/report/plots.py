@@ -24,11 +24,11 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 THIN_ROWS = 1 << 18  # number of rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# Ratio of the estimated noise to its setting above which the estimated noise is drawn.
-# Even with a correct setting, steps of steering and torque raise the ratio somewhat above
-# 1.
+# The estimated noise is drawn only if its ratio to the setting exceeds this. The limit is
+# above 1, because steps of steering and torque raise the ratio even if the setting is
+# correct.
 MAX_NOISE_RATIO = 1.4
-NOISE_SETTLING_TIME = 2.0  # [s] time from the start during which the estimate of the noise is not usable
+NOISE_SETTLING_TIME = 2.0  # [s] the estimate of the noise is not usable before this time
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9",
@@ -38,7 +38,9 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-MAX_LABELS = 16  # max number of events with a label in the plot; further changes have only a line
+# Max number of events that have a label in the plot. Further changes are drawn without a
+# label, and further intervals have no label either
+MAX_LABELS = 16
 # Max number of shaded intervals in a plot. If there are more, those with the shortest
 # gaps between them are joined.
 MAX_SHADES = 150
@@ -154,7 +156,8 @@ def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return the indices of the rows whose times belong to the values of thin_rows()."""
+    """Return, for each value that thin_rows() returns, the index of a row. The value is
+    drawn at the time of this row."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
@@ -162,7 +165,7 @@ def pick_rows(rows: int, stride: int) -> np.ndarray:
 
 
 def find_stride(rows: int, points: int) -> int:
-    """Return the stride with which thin_rows() returns about `points` values."""
+    """Return the `stride` for which thin_rows() returns about `points` values."""
     return 1 if rows <= points else -(-2 * rows // points)
 
 
@@ -186,9 +189,9 @@ def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tupl
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
     """Return for every `stride` rows the index of the row with the min of `y`.
 
-    Each index is returned twice, because thin_rows() returns two values for every
-    `stride` rows. The indices are used for lines whose values at one point must be from
-    the same row, such as probabilities with the sum 1.
+    The indices are used for lines whose values at a point must come from the same row,
+    such as probabilities with the sum 1. Each index is returned twice, so that these
+    lines have as many points as those of thin_rows().
     """
     if stride == 1:
         return np.arange(len(y))
@@ -261,8 +264,8 @@ class Data:
         return name in self._lines
 
     def hover(self, key: str) -> list[str]:
-        """Return the texts that are shown when the mouse points at a point of a
-        stiffness, one for each point."""
+        """Return a text for each point of the line of a stiffness. It is shown when the
+        mouse is over the point."""
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
@@ -304,8 +307,8 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
     units of the plots.
 
     For a column x with an interval, the lines x_low and x_high are the ends of the 95 %
-    interval. For a stiffness x, the line x_valid has its valid values, and x_other those
-    that are not valid. x_spread_low and x_spread_high are x -+ 1.96 times the spread (sd
+    interval. For a stiffness x, the line x_valid has the valid values, and x_other has
+    the values that are not valid. x_spread_low and x_spread_high are x -+ 1.96 times the spread (sd
     of the stiffness from sample to sample)."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
@@ -477,7 +480,8 @@ def draw_stiffness(
     """Return the figure of the stiffnesses: means, 95 % intervals, and with a particle
     filter also the spread (sd of the stiffness from sample to sample).
 
-    Means that are not valid are grey. The reason is shown when the mouse points at one.
+    Means that are not valid are grey. When the mouse is over a grey point, the reason is
+    shown.
     Below the stiffnesses, the probabilities of the regimes are drawn if the estimates
     have them. `table` needs the columns of SUMMARY."""
     regimes = "p_steady" in d
@@ -682,8 +686,9 @@ UNEXPLAINED = (
 
 
 def draw_health(d: Data) -> Figure:
-    """Return the figure of the filter's health: biases, log-likelihood, normalised
-    innovations squared or the effective number of particles, and status.
+    """Return the figure that shows whether the filter works well: biases, log-likelihood,
+    normalised innovations squared (with a particle filter, the effective number of
+    particles), and status.
 
     The estimated noise is drawn only if its ratio to a setting exceeds MAX_NOISE_RATIO.
     The model discrepancy and the lag of the steering angle are drawn only if the

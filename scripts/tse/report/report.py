@@ -44,8 +44,8 @@ def write_report(
 ) -> None:
     """Write the report of a run.
 
-    `data` has the lines of the plots, and `judged` the changes and findings of the run.
-    If one of these two is None, it is computed from the table of `est`. `contradictions`
+    `data` has the lines of the plots, and `judged` has the changes and the findings of
+    the run. Either of the two is computed from the table of `est` if it is None. `contradictions`
     has the same meaning as in make_findings()."""
     if data is None:
         data = plots.Data(log)
@@ -104,8 +104,8 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
 
     `sections` has title, text and figure of each section. The figure is a plots.Figure or
     a plotly figure. A section whose figure is None is left out. `words` are further
-    variables of the template. Only the argument `filters` is not a variable: it has
-    further jinja2 filters."""
+    variables of the template, except the argument `filters`, which has additional jinja2
+    filters."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]

@@ -139,8 +139,8 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the results of a run as a dict for JSON. The entries of `said`, such as
-    vehicle, notes and files, are added to it."""
+    """Return the results of a run as a dict for JSON. It also has the entries of `said`,
+    such as vehicle, notes and files."""
     changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)

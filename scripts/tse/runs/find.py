@@ -44,7 +44,7 @@ class Drive:
     signals: Path | None = None
     start: float = 0.0  # [s since 1970] time when the drive began
     start_from: str = "file"  # source of `start`, see find_start()
-    error: str = ""  # reason why the log cannot be estimated
+    error: str = ""  # reason why the log cannot be estimated; empty: it can be
 
 
 def find_drives(
@@ -66,8 +66,8 @@ def find_drives(
 
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Return every log once, as a pair of its path and a folder. If the user gives no
-    name for the car, the car is named after this folder. Raise UserError if a folder
+    """Return every log once, as a pair: its path, and the folder after which its car is
+    named if the user gives no name for the car. Raise UserError if a folder
     contains no log, or if one of `words` matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}

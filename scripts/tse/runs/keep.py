@@ -28,10 +28,12 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-MIN_LOGS = 3  # a log is compared with the other logs of its car if these are at least this many
-# Max ratio of a stiffness to the median of this stiffness in the other logs of the car. A
-# larger ratio gives a warning. Ratios up to this limit are normal: even on dry asphalt,
-# where the stiffness is largest, it varies, because warm tyres are softer
+# A log is compared with the other logs of its car only if there are at least this many
+# other logs
+MIN_LOGS = 3
+# Max ratio of a stiffness to its median in the other logs of the car. A larger ratio
+# gives a warning. Ratios up to this limit are normal: dry asphalt gives the largest
+# stiffness, and even there the stiffness varies, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
@@ -96,8 +98,8 @@ class Store:
 
     def load(self, drive: Drive, task: Task) -> Done | None:
         """Return the stored outcome of a log, or None if the log has to run. It has to
-        run if this user has stored no outcome for the same files and settings, or if one
-        of the result files is missing."""
+        run if no outcome for the same files and settings is stored, if a different user
+        wrote the stored outcome, or if one of the result files is missing."""
         with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log runs
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
@@ -197,9 +199,9 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def compute_key(task: Task) -> str:
-    """Return a digest of everything that an outcome depends on. For a log, the digest
-    depends on its size and modification time instead of its content, because reading the
-    log would take as long as estimating it."""
+    """Return a digest of everything that an outcome depends on. For a log, the size and
+    the modification time are used instead of the content, because reading the log would
+    take as long as estimating it."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]
@@ -227,8 +229,9 @@ def compute_key(task: Task) -> str:
 
 
 def _list_inputs(log: Path, reading: Reading) -> list[Path]:
-    """Return the files that determine the rows of a log: its own, signals.toml, and the
-    databases of its bus, which an option or signals.toml names or which are beside it."""
+    """Return the files that determine the rows of a log: the files of the log itself, its
+    signals.toml, and the databases of its bus. Databases are those that an option or
+    signals.toml names or, if neither names any, those in the folder of the log."""
     found = [*list_log_files(log), *reading.files(log)]
     with contextlib.suppress(UserError, OSError):  # a wrong file is reported by the run
         _, how = find_signals(log, reading.signals, reading.databases)

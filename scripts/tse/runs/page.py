@@ -21,7 +21,8 @@ from tse.runs.run import group_by_car
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-MAX_TRENDS = 12  # max number of cars whose trend is drawn, those with the smallest stiffness first
+# Max number of cars whose trend is drawn. Cars with the smallest stiffness come first
+MAX_TRENDS = 12
 MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all logs
 
 
@@ -51,16 +52,16 @@ class Car:
 
     @property
     def softest(self) -> str:
-        """Key of the smaller cornering stiffness or, if no cornering stiffness is known,
-        of the longitudinal stiffness. Empty: no stiffness is known."""
+        """Key of the smallest known cornering stiffness. If no cornering stiffness is
+        known, key of the longitudinal stiffness. Empty: no stiffness is known."""
         known = [k for k in CORNERING if k in self.last] or list(self.last)
         return min(known, key=lambda k: self.last[k].value, default="")
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """Key for sorting cars. Cars with a known cornering stiffness come first,
-        sorted by the smaller one; then cars with only a longitudinal stiffness; then
-        those without any."""
+        """Key for sorting cars. Cars with a known cornering stiffness come first, sorted
+        by the smallest one. Cars of which only the longitudinal stiffness is known come
+        next, and cars without a known stiffness come last."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -86,7 +87,7 @@ class Car:
 
     @property
     def hours(self) -> float:
-        """Total duration of the logs, h."""
+        """[h] Total duration of the logs."""
         return sum(d.outcome.seconds for d in self.done) / 3600
 
 

@@ -28,7 +28,7 @@ from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
 from tse.runs.work import Outcome, Task, read_code_version, run_task
 
-MAX_CALIBRATION_LOGS = 4  # max number of logs on which a car is calibrated
+MAX_CALIBRATION_LOGS = 4  # a car is calibrated on at most this many of its first logs
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,10 @@ def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
 
 
 def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
-    """Return groups of drives. The drives of a group run one after the other. A group has
-    the drives of one car or, if `learn` is False, a single drive. The group with most
-    drives comes first, because it determines the total time."""
+    """Return groups of drives. The drives of a group run one after the other, different
+    groups run in parallel. If `learn` is True, a group has all drives of a car, otherwise
+    a single drive. The group with the most drives comes first: it takes longest, so it
+    must start first."""
     if not learn:
         return [[d] for d in drives]
     cars: dict[str, list[Drive]] = {}

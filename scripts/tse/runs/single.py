@@ -266,9 +266,9 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the estimates show that channels contradict each other, and the
-    preparation has not warned about it. If so, add a warning, or turn the doubts of the
-    preparation into warnings."""
+    """Return True if the estimates show that channels contradict each other, and there is
+    no warning about it yet. In this case also turn the doubts of the preparation into
+    warnings or, if there are none, add a warning."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""

@@ -63,7 +63,9 @@ class Outcome:
     seconds: float = 0.0  # [s] duration of the log
     code: int = 4  # exit code, from results.choose_exit_code(): whether the log is usable
     notes: list[str] = field(default_factory=list)
-    calibrated: str = ""  # text of the vehicle file that was calibrated on this log; empty: none was
+    # text of the vehicle file that was calibrated on this log; empty: there was no
+    # calibration
+    calibrated: str = ""
 
 
 def read_code_version() -> tuple[str, str]:

@@ -49,22 +49,25 @@ from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # [s] min time between two calls that process frames
-SILENT = 1.0  # [s] a bus without frames, or a channel without values, is reported after this time
+# [s] A sentence reports a bus that has sent no frame, or a channel that has received no
+# value, for this time
+SILENT = 1.0
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-# [s] If no frame that arrives within this time after the first one is in the databases,
-# the bus is reported
+# [s] time after the first frame. If no frame received by then is defined in the databases,
+# a sentence reports that the databases are those of a different bus
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
-# [s] time of the first check whether channels contradict each other; time between checks
+# Checks whether channels contradict each other. FIRST_CHECK: [s] time of the first check.
+# CHECKED: [s] time between two checks
 FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
 # [s] LISTENED: time for which frames are collected before each proposal of signals.
 # MAX_LISTENED: max duration of the frames that are kept for the proposals
 LISTENED, MAX_LISTENED = 20.0, 600.0
-MAX_PIECE_TIME = 0.2  # [s] max duration of the frames that are processed together
+MAX_PIECE_TIME = 0.2  # [s] max time from first to last of the frames processed in one call
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
-# [s] length of the past that is searched for events; min age of an event before it is
-# reported
+# EVENT_SEARCH_TIME: [s] rows are searched for events if they are younger than this.
+# MIN_EVENT_AGE: [s] age that an event must have before it is reported
 EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
@@ -275,9 +278,10 @@ class DriveState:
     frames: int = 0
     first: float = 0.0  # [s] time of the first row
     time: float = 0.0  # [s] time of the last row
-    delay: float = 0.0  # [s] max delay from a frame to its estimate in the last second
-    # [s] delay from frame to estimate for each row that did not wait for a
-    # proposal of signals
+    # [s] max delay of the last second, from the arrival of a frame to the estimate
+    delay: float = 0.0
+    # [s] delay of each row, from the arrival of a frame to the estimate. Rows that waited
+    # for a proposal of signals are left out
     delays: list[float] = field(default_factory=list)
     statuses: Counter[int] = field(default_factory=Counter)  # number of rows for each status
     contradicted: list[str] = field(default_factory=list)  # sentences on contradicting channels
@@ -303,7 +307,8 @@ class LiveDrive:
     learnt : Learnt, optional
         Learnt state of an earlier drive.
     rate : float, optional
-        Rate of the rows, Hz.
+        [Hz] Rate of the rows. If it is not given, it is chosen from the rates of the
+        channels.
     say : callable
         Called with a sentence for each event.
     """
@@ -347,7 +352,7 @@ class LiveDrive:
         self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # [s] time of the bus at which the time of the record is 0
+        self._origin = float("nan")  # [s] time of the record = time of the bus - this
         # rows that are not written yet: times, columns, outputs
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
@@ -383,8 +388,8 @@ class LiveDrive:
         return self._learnt.note if self._learnt is not None else None
 
     def _copy_inputs(self) -> None:
-        """Copy databases, signals and learnt state to the record, so that `tselab
-        estimate` can estimate the recorded frames later."""
+        """Copy databases, signals and learnt state to the folder of the record, so that
+        `tselab estimate` can estimate the recorded frames later."""
         folder = self.record.folder
         for p in self.databases:
             shutil.copyfile(p, folder / p.name)
@@ -574,8 +579,9 @@ class LiveDrive:
         if self.drive.contradicted:
             mark_implausible(outputs)
         took = time.monotonic()
-        # if rows of more than half a second are made at once, they have waited for the
-        # proposal of signals, so that their delay is not that of the filter
+        # If rows of more than half a second are made at once, their frames were collected
+        # while signals were proposed. The delay of these rows is not a delay of the
+        # filter, so it is not counted.
         if came and len(times) < 0.5 / self.config.sample_time:
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
@@ -724,8 +730,8 @@ class LiveDrive:
     # ---- check of the channels against each other
 
     def _check_channels(self, columns: list[dict[str, np.ndarray]]) -> None:
-        """Check by the method for logs whether the channels contradict each other, and
-        report contradictions.
+        """Check whether the channels contradict each other, by the same method as for a
+        log, and report contradictions.
 
         `columns`: the last written rows, in blocks."""
         try:
@@ -820,7 +826,8 @@ class LiveDrive:
         gc.unfreeze()
 
     def numbers(self) -> str:
-        """Return number of frames and rows, rate and delay, as a sentence."""
+        """Return a sentence with the number of frames and of rows, the rate of the rows,
+        and the delay of the estimates."""
         d = self.drive
         late = np.array(d.delays) * 1e3
         if not d.rows or not len(late):
@@ -833,8 +840,10 @@ class LiveDrive:
 
 
 def _has_event(x: dict[str, Any]) -> bool:
-    """Return whether the rows have a change in the last EVENT_SEARCH_TIME seconds, or a
-    fault or sliding with at least MIN_EVENT_PROBABILITY. `x`: columns of the rows."""
+    """Return whether the rows have an event: a change in the last EVENT_SEARCH_TIME
+    seconds, or a fault or sliding whose probability is at least MIN_EVENT_PROBABILITY.
+
+    `x`: columns of the rows."""
     if "change_kind" not in x or not len(x["time"]):
         return False
     return bool(
@@ -844,8 +853,9 @@ def _has_event(x: dict[str, Any]) -> bool:
 
 
 def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
-    """Split frames into pieces of at most MAX_PIECE_TIME, because the stream keeps the
-    values of its channels only for a short time."""
+    """Split frames into pieces of at most MAX_PIECE_TIME, to be processed one after the
+    other. The stream that makes rows from frames keeps the values of a channel only for a
+    short time, so a longer piece would lose values."""
     pieces: list[list[Arrived]] = []
     for a in came:
         if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > MAX_PIECE_TIME:
@@ -867,7 +877,7 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint with the most similar signal for the first of the
-    missing channels that has one."""
+    """Return a hint for a missing channel: the signal that is most similar. The channel
+    is the first one in `missing` that has a similar signal."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (nearest: {said[0]})" if said else ""

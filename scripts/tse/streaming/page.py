@@ -23,8 +23,8 @@ from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # [s] min time between two rows that the page shows
-# Max number of rows that are kept: those of an hour. If there are more, the older half of
-# them is dropped
+# Max number of rows that are kept: one hour at 1 / SHOWN = 20 rows per second. If there
+# are more, MAX_KEPT / 2 rows are dropped, the oldest ones
 MAX_KEPT = 72_000
 AT_A_TIME = 4000  # max number of rows in one response to the browser
 
@@ -47,8 +47,8 @@ class Page:
     def __init__(self, live: LiveDrive, port: int = 0, car: str = ""):
         self._live = live
         self._car = car
-        # True: rear-wheel drive. The page then shows the longitudinal stiffness of the
-        # rear axle, otherwise that of the front axle
+        # True for rear-wheel drive: the page shows the longitudinal stiffness of the rear
+        # axle. False: it shows the longitudinal stiffness of the front axle
         self._rear = live.config.driven_axle == DRIVEN["rear"]
         self._lock = threading.Lock()
         self._gone = 0  # number of dropped rows
@@ -126,8 +126,9 @@ class Page:
         to.wfile.write(body)
 
     def _make_state(self, first: int, events: int) -> dict[str, Any]:
-        """Return the rows from number `first` on (at most AT_A_TIME), the events from
-        number `events` on, and the present answer, for the script of the page."""
+        """Return what the script of the page needs: the rows from number `first` on, at
+        most AT_A_TIME of them; the events from number `events` on; and the present
+        answer."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
             first = first if self._gone <= first <= count else self._gone
