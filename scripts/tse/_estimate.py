@@ -450,9 +450,9 @@ def estimate(
     Notes
     -----
     If the vehicle does not state noise and biases of the sensors, they are estimated from
-    the log. Missing channels, impossible single values and a clock that jumps do not end the
-    run; Result.notes names them. If channels contradict each other, a UserWarning names
-    them (Result.warnings) and nothing is usable.
+    the log. Missing channels, impossible single values and a clock that jumps do not end
+    the run; Result.notes names them. If channels contradict each other, a UserWarning
+    names them (Result.warnings), and nothing is usable.
     """
     check_form(form)
     car = read_vehicle(vehicle)

@@ -138,8 +138,8 @@ def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
     """Return the path of the vehicle file. If `vehicle` is a mapping, write it to a file
     in `folder`, and return the path of that file.
 
-    Raise UserError if `vehicle` is a Vehicle that was not read from a file, or that was
-    changed after it was read."""
+    Raise UserError if `vehicle` is a Vehicle that was not read from a file, or whose
+    values differ from those in its file."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
             raise UserError("the vehicle is not read from a file: give a file or a mapping with its keys")

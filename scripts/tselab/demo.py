@@ -64,15 +64,15 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
 DRIVE_TIME = 72.0  # [s] duration of the drive
 ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness from then on
-SETTLED = 10.0  # [s] rows before this time are left out of the printed errors
+SETTLED = 10.0  # [s] the printed errors are computed without the rows before this time
 LAST = 12.0  # [s] duration of the last part of the drive, whose errors are printed separately
 INITIAL_RATIO = 0.8  # ratio of the initial estimate of every stiffness to its nominal value
 
 
-# Effect that `tselab gap` has to find in the logs of a second car: the body rolls on its
-# springs, so accel_y contains a component of gravity. The vehicle file that `tselab gap`
-# gets does not have this effect. The simulated logs also have noisy wheel speeds, and a
-# stiffness that varies from sample to sample.
+# Id of the effect that `tselab gap` has to find in the logs of a second car: the body
+# rolls on its springs, so accel_y contains a component of gravity. The logs are simulated
+# with this effect, but the vehicle file for `tselab gap` does not have it. The simulated
+# logs also have noisy wheel speeds, and a stiffness that varies from sample to sample.
 HIDDEN = "body_roll"
 HIDDEN_SETTINGS = {
     "body_roll_gain": 0.009,

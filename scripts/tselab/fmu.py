@@ -24,7 +24,8 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-EXACT_PARAMETER = "vehicle.exact"  # parameter that only the FMU of the estimator has
+# Only the FMU of the estimator has this parameter. It serves to recognise this FMU
+EXACT_PARAMETER = "vehicle.exact"
 
 
 class FmuParameter(NamedTuple):

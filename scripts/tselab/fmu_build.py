@@ -64,8 +64,8 @@ LANGUAGE = {"C99": "-std=c99"}
 
 
 def get_native_platform(fmi: str = "2") -> str:
-    """Return the name of the platform of this machine, as the folder in binaries/ is
-    named for this version of FMI."""
+    """Return the name of the platform of this machine. It is the name that the folder in
+    binaries/ has in an FMU of this version of FMI."""
     if fmi == "3" and (here := get_native_platform()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
@@ -265,8 +265,8 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def get_lock(folder: Path) -> Path:
-    """Return the lock file of a build folder. A process holds its lock while it builds.
-    The file is next to the folder, because a build may delete the folder."""
+    """Return the path of the lock file of a build folder. A process locks this file while
+    it builds. The file is next to the folder, because a build may delete the folder."""
     return folder.with_name(f"{folder.name}.lock")
 
 

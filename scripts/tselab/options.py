@@ -105,8 +105,8 @@ def read_settings(
 
 
 def _find_option(setting: str) -> str:
-    """Return the name of the option for a setting. The option --spread is for the three
-    settings spread_cx_front, spread_cy_front and spread_cy_rear."""
+    """Return the name of the option that sets a setting. One option, --spread, sets three
+    settings: spread_cx_front, spread_cy_front and spread_cy_rear."""
     return "spread" if setting.startswith("spread_") else setting.replace("_", "-")
 
 

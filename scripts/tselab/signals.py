@@ -13,8 +13,8 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-# Without --all, at most this many of the signals that are proposed for no channel are
-# printed
+# Max number of printed signals that are proposed for no channel. With --all, all signals
+# are printed
 MAX_LISTED_SIGNALS = 80
 
 

@@ -48,7 +48,8 @@ MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
 # [s] Max time between two reports of the same change, and between two intervals of the
 # same event that are joined
 MAX_JOINED_GAP = 0.5
-MIN_CHANGE = 0.05  # [1] a change is reported if a stiffness changes by more than this
+# A change is reported if a stiffness changes by more than this share of its value
+MIN_CHANGE = 0.05
 MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
 # [1/s] A drift of the estimates at a lower rate does not count as the begin of a change.
 # Unit of the drift: size of the change
@@ -144,9 +145,11 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     Each row reports the last change that the filter has detected. Its time is the time of
     the row minus its age (column change_age). If two rows report times that differ by at
     most MAX_JOINED_GAP, they report the same change. Kind and ratios are taken from the
-    last row that reports the change. A change is left out if both the median of its probability over these rows and
-    the probability in the last row are below MIN_EVENT_PROBABILITY, or if no stiffness
-    changes by more than MIN_CHANGE.
+    last row that reports the change.
+
+    A change is left out if both the median of its probability over the rows that report
+    it and the probability in the last of them are below MIN_EVENT_PROBABILITY, or if no
+    stiffness changes by more than MIN_CHANGE.
 
     The filter detects a change some time after the change began. Until then, the
     estimates may already have drifted. _find_begin() estimates when the change began."""

@@ -308,8 +308,8 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
 
     For a column x with an interval, the lines x_low and x_high are the ends of the 95 %
     interval. For a stiffness x, the line x_valid has the valid values, and x_other has
-    the values that are not valid. x_spread_low and x_spread_high are x -+ 1.96 times the spread (sd
-    of the stiffness from sample to sample)."""
+    the values that are not valid. x_spread_low is x - 1.96 * spread, and x_spread_high is
+    x + 1.96 * spread. The spread is the sd of the stiffness from sample to sample."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)

@@ -45,8 +45,8 @@ def write_report(
     """Write the report of a run.
 
     `data` has the lines of the plots, and `judged` has the changes and the findings of
-    the run. Either of the two is computed from the table of `est` if it is None. `contradictions`
-    has the same meaning as in make_findings()."""
+    the run. Either of the two is computed from the table of `est` if it is None.
+    `contradictions` has the same meaning as in make_findings()."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)

@@ -67,8 +67,8 @@ def find_drives(
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
     """Return every log once, as a pair: its path, and the folder after which its car is
-    named if the user gives no name for the car. Raise UserError if a folder
-    contains no log, or if one of `words` matches no file."""
+    named if the user gives no name for the car. Raise UserError if a folder contains no
+    log, or if one of `words` matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:

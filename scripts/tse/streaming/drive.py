@@ -53,8 +53,8 @@ TICK = 0.002  # [s] min time between two calls that process frames
 # value, for this time
 SILENT = 1.0
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-# [s] time after the first frame. If no frame received by then is defined in the databases,
-# a sentence reports that the databases are those of a different bus
+# [s] time after the first frame. If no frame received by then is defined in the
+# databases, a sentence reports that the databases are those of a different bus
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 # Checks whether channels contradict each other. FIRST_CHECK: [s] time of the first check.
@@ -64,7 +64,7 @@ MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100
 # [s] LISTENED: time for which frames are collected before each proposal of signals.
 # MAX_LISTENED: max duration of the frames that are kept for the proposals
 LISTENED, MAX_LISTENED = 20.0, 600.0
-MAX_PIECE_TIME = 0.2  # [s] max time from first to last of the frames processed in one call
+MAX_PIECE_TIME = 0.2  # [s] max time from first to last frame of a piece (_cut_pieces())
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
 # EVENT_SEARCH_TIME: [s] rows are searched for events if they are younger than this.
 # MIN_EVENT_AGE: [s] age that an event must have before it is reported
@@ -307,8 +307,7 @@ class LiveDrive:
     learnt : Learnt, optional
         Learnt state of an earlier drive.
     rate : float, optional
-        [Hz] Rate of the rows. If it is not given, it is chosen from the rates of the
-        channels.
+        [Hz] Rate of the rows. By default, the rate of the fastest channel, at most 100.
     say : callable
         Called with a sentence for each event.
     """

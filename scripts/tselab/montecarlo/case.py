@@ -19,7 +19,8 @@ INITIAL_SETTINGS = {
     "driven_axle": 1,
     "exact_kinematics_share": 0.0,
 }
-SCORED_WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
+# [s] start and end of the interval of the drive in which errors are scored by default
+SCORED_WINDOW = (15.0, 30.0)
 LINEAR = 0.6  # max ratio of tyre force to friction limit at which a tyre counts as linear
 
 # Functions that a case may have. Their arguments are explained at the fields of Case
@@ -43,11 +44,12 @@ class Case:
     # the settings without these factors
     car: Mapping[str, float] = field(default_factory=dict)
     sim: Mapping[str, float] = field(default_factory=dict)  # settings of the simulator
-    # function that returns those settings of the estimator that depend on the seed. It
-    # has the same arguments as `build`
+    # function that draws settings of the estimator at random, and returns them. It has
+    # the same arguments as `build`. None: no setting is random
     draw: Draw | None = None
     # function (times, rows, random generator) that falsifies rows of the log in place,
-    # and returns a bool for each row: True if the row is unusable
+    # and returns a bool for each row: True if the row is then unusable. None: the log is
+    # not falsified
     corrupt: Corruption | None = None
     estimators: tuple[str, ...] = ("tse",)
     windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] windows in which errors are scored
@@ -82,9 +84,9 @@ def simulate_case(
 ) -> CaseDrive:
     """Simulate the drive of a case with a seed.
 
-    `configure`: function that adds the user's settings to those of the case, and returns
-    all settings of the estimator "tse"; settings of the case have precedence. `sim`: the
-    user's settings of the simulator."""
+    `configure`: function of the settings of the case. It adds the user's settings, and
+    returns all settings of the estimator "tse". If both set the same setting, the value
+    of the case is used. `sim`: the user's settings of the simulator."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
     about: dict[str, float] = {**case.config, "seed": seed}
     car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})

@@ -114,7 +114,8 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
 
 
 def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDrive, np.ndarray]:
-    """Repeat a run for a picture. Return the drive, and the estimates of all its rows."""
+    """Repeat the run of estimator `name` on a case with a seed, for a picture. Return the
+    drive, and the estimates of all its rows."""
     d = simulate_case(case, seed, lambda about: configure_unit("tse", plan, about), plan.sim_settings)
     return d, estimators.run_estimator(name, d, configure_unit(name, plan, d.about))
 
@@ -199,8 +200,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
-    """Return the rows of scores of a unit, by calling result(). If result() raises an
-    error, add case and seed to the message of the error."""
+    """Call result(), which returns the rows of scores of the unit, and return them. If it
+    raises an error, add case and seed to the message of the error."""
     try:
         return result()
     except UserError:

@@ -57,8 +57,9 @@ TEXTS = {
 
 
 def get_overrides(name: str) -> dict[str, float]:
-    """Return the settings in which an estimator differs from its form. 'robust-100' has
-    100 particles. Raise UserError if the name is unknown."""
+    """Return the settings in which an estimator differs from its form. For example,
+    'robust-100' is the form "robust" with 100 particles. Raise UserError if the name is
+    unknown."""
     if is_yours(name):
         _load_yours(name)
         return {}
@@ -79,10 +80,9 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Return the settings of an estimator. They are the union of these settings, of which
-    the later ones override the earlier ones: INITIAL_SETTINGS, settings of the form,
-    `settings` of the user, settings of the case (`about`), settings of the estimator
-    itself."""
+    """Return the settings of an estimator. They are set in this order, and a later value
+    overrides an earlier one: INITIAL_SETTINGS, settings of the form, settings of the user
+    (`settings`), settings of the case (`about`), settings of the estimator itself."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
     return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})
@@ -112,7 +112,7 @@ def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
     The function gets the log and all settings of tse. It returns stiffnesses and sds [N,
     N/rad], named as the columns of EST.csv. These values are divided by the nominal
-    stiffnesses, as those of the other estimators are."""
+    stiffnesses, because the other estimators also return such ratios."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
@@ -143,9 +143,10 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
     """Return the true covariances of a drive.
 
-    `changes`: whether the filter uses the times of the changes. If so, the filter itself
-    multiplies each spread (sd of a stiffness from sample to sample) by the stiffness that
-    it currently estimates. Otherwise it assumes a constant spread, so the spread is
+    In the simulation, the spread (sd of a stiffness from sample to sample) is a fixed
+    ratio to the stiffness. `changes`: whether the filter uses the times of the changes.
+    If so, the ratio is returned, and the filter multiplies it by the stiffness that it
+    currently estimates. Otherwise the filter assumes a constant spread, so the ratio is
     multiplied here by the initial stiffness."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(

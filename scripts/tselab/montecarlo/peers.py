@@ -9,9 +9,10 @@ row k and the motion until row k + 1:
     x_{k+1} = f(x_k, mu + eps_k)
     eps_k ~ N(0, diag(spread^2)), independent from row to row
 
-So process noise and measurement noise are correlated. Because eps_k is a part of the
-state, the filter takes this correlation into account exactly. No library was found that
-does so.
+where y_k are the measurements, e_k is their white noise, h is observe() and f is move().
+Because eps_k is in both equations, process noise and measurement noise are correlated.
+The filter takes this correlation into account exactly, because eps_k is a part of its
+state. No library was found that does so.
 
 Equation numbers are those of src/EQUATIONS.md. Equations (1) to (4) are implemented here
 a second time, in numpy, and their derivatives are computed by complex steps.
@@ -49,8 +50,10 @@ class Known:
 
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
-    forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
-    held: bool = False  # True: the steering angle is constant between rows; False: it is linear
+    # forgetting factor for one nominal sample time; the filter "known" does not use it
+    forgetting: float = 0.99
+    # steering angle between two rows. True: constant; False: it changes linearly
+    held: bool = False
     # [s] times, counted from the first row, at which the mean stiffness changes; only the
     # filter "known" uses them
     changes: tuple[float, ...] = ()
@@ -96,7 +99,8 @@ def move(
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    # the factor 1.5 allows for a stiffness above nominal
+    # The decay rates are those of the nominal stiffness. The factor 1.5 allows for a
+    # larger stiffness
     steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / MAX_STEP_PRODUCT), 1, 50))
     h = dt / steps
     for k in range(steps):
@@ -117,8 +121,8 @@ def _hold_inputs(u: np.ndarray) -> np.ndarray:
 def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows at which the states restart, and which measurements of each row are
-    used, by the rules of tse.
+    """Return two masks, by the rules of tse: the rows at which the states restart, and
+    the measurements that are used in each row.
 
     No measurement is used at low speed, in reverse or with a large steering angle, where
     the model is not valid, and none if an input is missing (`known` False). The states
@@ -130,7 +134,9 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    usable[restart, 2] = False  # at a restart, the state is set to the measured yaw rate already
+    # at a restart, the yaw rate of the state is set to the measured one, so the
+    # measurement must not be used again
+    usable[restart, 2] = False
     return restart, usable
 
 

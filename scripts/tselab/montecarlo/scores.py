@@ -30,9 +30,10 @@ from tselab.montecarlo.peers import LOW_SPEED
 # An estimate has diverged if its relative error exceeds DIVERGED_ERROR for longer than
 # DIVERGED_FOR [s]
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
-SETTLE_AFTER = 10.0  # [s] errors do not count for this time after the start, an event or a disturbance
-VALID_AFTER = 5.0  # [s] the valid flag does not count for this time after the start
-CLOSE = 0.10  # an estimate with a smaller relative error counts as settled, or as right
+# [s] time after the start, an event or a disturbance in which errors are not scored
+SETTLE_AFTER = 10.0
+VALID_AFTER = 5.0  # [s] time after the start in which the valid flag is not scored
+CLOSE = 0.10  # an estimate is right if its relative error is smaller than this
 # A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
 # clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
@@ -43,11 +44,11 @@ SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for
 # names of the shares of rows that score_run() returns, in the order in which it computes
 # them
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
-SURE = 0.9  # min probability of a change of regime that counts as reported
+SURE = 0.9  # a change of regime counts as reported if its probability is at least this
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
-# [s] a reported change is correct if its time is at most BEFORE earlier, or at most AFTER
-# later, than that of a true change
+# [s] a reported change is correct if its time lies between BEFORE seconds before the
+# start and AFTER seconds after the end of a true change
 BEFORE, AFTER = (0.15, 2.0)
 # OFF: if a stiffness with a larger relative error is flagged as valid, the flag is wrong.
 # OFF_FOR: [s] time after an event in which rows with a wrong flag are counted
@@ -286,15 +287,15 @@ def _compute_mean(x: np.ndarray) -> float:
 
 
 def compute_log_time(d: CaseDrive) -> np.ndarray:
-    """Return the time of each row [s] as the sum of the time steps of the log. It
-    includes pauses between parts of a drive, unlike the time of the drive."""
+    """Return the time [s] of each row as the sum of the time steps of the log. Unlike the
+    time of the drive, it includes pauses between parts of the drive."""
     now = np.cumsum(d.rows["dt"].astype(float))
     return now - now[0]
 
 
 def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
-    """Return the times of the regime changes that the estimator reports, in the time of
-    the drive, s. A change that is reported in several rows is in the result only once."""
+    """Return the times [s] of the regime changes that the estimator reports, on the time
+    axis of the drive. A change that several rows report is in the result only once."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
@@ -306,10 +307,10 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes: the numbers of reported and of false changes
-    and, for each event, three times [s]: time until the event is detected, time until all
-    stiffnesses have settled, total time in which a stiffness was flagged valid although
-    its error was above OFF."""
+    """Return the scores of regime changes. Two scores are the numbers of reported changes
+    and of false changes. For each event there are three times [s]: the time until it is
+    detected; the time until all stiffnesses have settled; and the total time in which a
+    stiffness was flagged valid although its error was above OFF."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(

@@ -187,7 +187,7 @@ def _make_waves(
     """Return the sum of two sines of random period and phase. The sum of their amplitudes
     is random, too.
 
-    `size`: range of the sum of the amplitudes. `period`: range of the periods, s."""
+    `size`: range of the sum of the amplitudes. `period`: [s] range of the periods."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
 
@@ -508,8 +508,8 @@ SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 def _make_regime_cases() -> tuple[Case, ...]:
     """Return the cases with changes of the road.
 
-    A window ends just before an event, because the row of the event
-    already has the new truth."""
+    If the road changes in one step, the window of scored errors before the change ends
+    0.01 s before it, because the row at the change already has the new true stiffness."""
     two = ("tse", "known")
     return (
         Case(
@@ -552,9 +552,10 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Return the cases of the paper. Sec. IV-A: one with inputs that are linear between
-    rows, one with held inputs. Sec. IV-B, a simulation of the experiment: one with an
-    initial stiffness that is 20 % too low, one with 20 % too high."""
+    """Return the cases of the paper. There are two for Sec. IV-A: with inputs that change
+    linearly between rows, and with inputs that are constant between rows. There are two
+    for Sec. IV-B, whose experiment is simulated: with an initial stiffness that is 20 %
+    too low, and with one that is 20 % too high."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",

@@ -158,7 +158,7 @@ def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
-    """Return a share over all rows of all runs, percent. NaN: the denominator is 0.
+    """Return a share [%] over all rows of all runs. NaN: the denominator is 0.
 
     `keys`: stiffnesses that are pooled. `share`: one of scores.SHARES."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
@@ -593,9 +593,9 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Format the times until something happens in each run as "median (max)". If the time
-    is inf in some runs, because it did not happen, the result is "median (never: number
-    of these runs)"."""
+    """Format times, one for each run, as "median (max)". A time is inf if the event did
+    not happen in the run. If there are such runs, the result is "median (never: number of
+    these runs)"."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
