@@ -223,7 +223,7 @@ static void walk_biases(tse_sim *sim, tse_real dt)
 
 /* Integrate to the next row. Inputs are linear between rows, or held if hold_inputs is 1.
  * An estimator assumes that wheel speeds are linear between rows. Relative to this
- * assumption, held torques act half a row too early. An estimator without a model of this
+ * assumption, held torques are shifted by half a row. An estimator without a model of this
  * shift estimates a longitudinal stiffness that is 2 % too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
