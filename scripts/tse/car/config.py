@@ -26,11 +26,12 @@ ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
     "longitudinal stiffness is not estimated"
 )
-# names of the filters in src/tables. The setting `form` is the index.
+# Names of the filters in src/tables. The value of the setting `form` is an index of this
+# tuple.
 FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
-# filter -> forms that select it, as messages name them
+# name of a filter -> phrase for messages: the forms that select this filter
 FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 
@@ -69,7 +70,7 @@ def make_config(
 ) -> tuple[Config, list[str]]:
     """Return the settings of a run, and notes.
 
-    The notes state what follows from the log, and which settings are not used.
+    The notes state the settings that follow from the log, and those that are not used.
 
     Parameters
     ----------
@@ -81,15 +82,16 @@ def make_config(
     filter_file : Path or None
         File with further settings, from option --config. None: no file.
     options : Mapping or None
-        Further settings by name, from options. None as a value: the option is not given.
+        Further settings from command-line options: name -> value. Value None: the option
+        is not given.
     form : str
         default, paper or robust.
 
     Raises
     ------
     UserError
-        A setting is outside its range, or an optional channel, or a setting for such a
-        channel, would have no effect.
+        A setting is outside its range. Or an optional channel would have no effect, or a
+        setting that belongs to an optional channel.
     """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -130,8 +132,9 @@ def filter_of(config: Config) -> str:
 def is_used(name: str, config: Config) -> bool:
     """Return whether the filter that `config` selects uses the setting `name`.
 
-    It uses neither settings of the other filter nor a replaced setting: if a setting has
-    `replaced_by`, and the setting of that name is not 0, the latter is used instead."""
+    Settings of the other filter are not used. Replaced settings are not used either: if
+    the setting `name` has a `replaced_by`, i.e. the name of a second setting, and this
+    second setting is not 0, then the second setting is used instead."""
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
@@ -165,7 +168,7 @@ def check_effect(names: Collection[str], config: Config) -> None:
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return a dict: group of optional channels -> settings that belong to them.
+    """Return a dict. Key: names of a group of optional channels. Value: their settings.
 
     The settings are rows of src/tables/sensors.toml.
     """
@@ -176,8 +179,9 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
     """Raise an error if an optional channel, or a setting for one, has no effect.
 
-    `asked`: settings stated for this run. Those of the vehicle file are not checked,
-    since the file is used for all logs of the car, with these channels or without.
+    `asked`: names of the settings that the user states for this run. Settings in the
+    vehicle file are not checked, since the file is used for all logs of the car, whether
+    they have these channels or not.
     """
     if log is None:
         return
@@ -210,9 +214,10 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
     config : Config
         All settings of the run.
     stated : Mapping
-        Settings that the user states, by name. There is no note on a default value.
+        Settings that the user states: name -> value. There is no note on a setting that
+        has its default value.
     formula : bool
-        True: the user states a formula.
+        True: the user states a formula (car/formula.py).
     """
     lib = library()
     unused: list[str] = []
@@ -248,7 +253,7 @@ def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = Fa
 def wheels_are_one(log: CheckedLog) -> bool:
     """Return whether the wheel speeds of both axles are the same signal, logged twice.
 
-    Their ratio is then constant in all rows in which the car moves.
+    This is so if their ratio is constant (SAME_RATIO) in the rows in which the car moves.
     """
     front, rear = (log.data[f"wheel_speed_{axle}"].to_numpy(float) for axle in ("front", "rear"))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -260,7 +265,7 @@ def wheels_are_one(log: CheckedLog) -> bool:
 def set_sampling(config: Config, sample_time: float) -> list[str]:
     """Set the settings sample_time and max_gap; return notes.
 
-    `sample_time`: median step of the rows, s.
+    `sample_time`: [s] median step between rows.
     """
     f = config.fields["sample_time"]
     used = min(max(sample_time, f.low), f.high)

@@ -1,10 +1,11 @@
-"""Read a formula of the user; convert it to settings, values for each row of a log, or C.
+"""Read a formula of the user. Convert it to settings or C, or evaluate it for a log.
 
-A formula is an effect that the catalogue of effects does not have. It consists of a place
-in the model, an expression that is added there, and the numbers in the expression. The
-expression is checked, and compiled to a program: operations in postfix order, in the
-settings formula_code_<k>. Each number has a slot: one of the settings formula_a,
-formula_b, ... (src/tables/formula.toml).
+With a formula, a user adds an effect to the model that the catalogue of effects lacks. It
+consists of a place, i.e. a quantity of the model, an expression that is added to this
+quantity, and the named numbers in the expression. The expression is checked and compiled
+to a program: a list of operations in postfix order. The program is stored in the settings
+formula_code_<k>. Each number is stored in one of the settings formula_a, formula_b, ...
+(src/tables/formula.toml). This setting is called the slot of the number.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
 MAX_FORMULA_VALUE = 1e6  # a result of this magnitude or more, or NaN, is replaced by 0
-# operations in one setting formula_code_<k>: one byte each, the first in the lowest byte
+# number of operations that one setting formula_code_<k> holds. Each operation is a byte,
+# and the first operation is the lowest byte.
 PER_CODE = 3
 # Limits of the expression. They protect Python's parser and the recursion in _Compiler.
 MAX_TEXT = 400  # [characters] max length
@@ -38,7 +40,7 @@ MAX_POWER = 4  # max exponent
 MAX_UNIT = 40  # [characters] max length of a unit
 
 OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
-# literals that have an operation of their own, and need no slot
+# literal -> operation that yields this value. These literals need no slot.
 LITERALS = {1.0: "one", 2.0: "two"}
 # operation -> its notation. An expression must not call these operations by name.
 WRITTEN_AS = {
@@ -50,9 +52,9 @@ WRITTEN_AS = {
     "one": "1",
     "two": "2",
 }
-# Operation -> units of its second and further operands. Only for operations whose result
-# has the unit of the first operand: unit = "first" in src/tables/formula.toml. "x" stands
-# for the unit of the first operand.
+# Operation -> units of its second and further operands. "x" in a unit stands for the unit
+# of the first operand. The dict has only operations whose result has the unit of the
+# first operand (unit = "first" in src/tables/formula.toml).
 OPERANDS = {"lag": ("s",), "second": ("1/s", "1"), "late": ("s",), "play": ("x",), "limit": ("x/s",)}
 UNIT = re.compile(r"((1|[A-Za-z]+[1-9]?( [A-Za-z]+[1-9]?)*)(/[A-Za-z]+[1-9]?)*)?")
 FORMULA_KEYS = ("id", "title", "place", "formula", "gain", "numbers", "found")
@@ -98,8 +100,8 @@ class Formula:
     gain
         Factor of the whole formula.
     found
-        Results that tselab wrote to the file: strings, numbers, lists of them. They are
-        kept in the file, but not used.
+        Results that tselab wrote to the file: strings, numbers, and lists of these. They
+        are written to the file again, but are not used.
 
     Raises
     ------
@@ -157,13 +159,14 @@ class Formula:
 
     @property
     def operations(self) -> tuple[int, ...]:
-        """The program: codes of FORMULA_OP in postfix order."""
+        """The program: a code of FORMULA_OP for each operation, in postfix order."""
         table = library().formula_ops
         return tuple(table[op].code for op in self._program.operations)
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Literals except 1 and 2. Their slots follow those of the numbers."""
+        """Literals in the expression, except 1 and 2, which need no slot. Their slots
+        follow the slots of the named numbers."""
         return self._program.constants
 
     @property
@@ -208,14 +211,15 @@ class Formula:
         Parameters
         ----------
         signals
-            Signal that the formula uses, by its name in FORMULA_OP -> values, (rows,).
+            Values of each signal that the formula uses. Key: its name in FORMULA_OP.
+            Value: array, (rows,).
         dt
-            [s] time since the row before: one number, or (rows,), whose first value is
-            not used.
+            [s] time since the row before: one number for all rows, or an array, (rows,).
+            The first value of the array is not used.
 
         Returns
         -------
-        (rows,) gain times formula, in the unit of the place: values that are added there.
+        (rows,) gain x value of the expression: what is added to the place, in its unit.
 
         Raises
         ------
@@ -324,9 +328,11 @@ def format_toml(formula: Formula) -> str:
 
 
 def format_c_header(formula: Formula) -> str:
-    """Return the formula as a C99 header, which replaces the interpreter of the library.
+    """Return the formula as C99 code in a header.
 
-    The numbers of the formula remain settings: their values may change at run time.
+    If the library is compiled with this header, it executes the code and needs no
+    interpreter of programs. The numbers of the formula remain settings, so their values
+    may change at run time.
     """
     program, table = formula._program, library().formula_ops
     place = library().formula_places[formula.place]
@@ -390,7 +396,7 @@ class _Program:
 
     operations: tuple[str, ...]  # in postfix order
     named: tuple[str, ...]  # names of the numbers, in the order of their slots
-    constants: tuple[float, ...]  # literals, whose slots follow those of the numbers
+    constants: tuple[float, ...]  # literals; their slots follow those of the numbers
 
 
 # The result is cached: every property of a Formula needs the program, and a search for
@@ -433,7 +439,7 @@ def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str],
 
 
 def _parse_text(text: str) -> ast.expr:
-    """Parse an expression. Text that could overload Python's parser is refused before."""
+    """Parse an expression, after refusing strings that could overload Python's parser."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"key formula: has {len(text)} characters, {MAX_TEXT} are allowed")
     # only ASCII is allowed: Python converts some other letters to similar ASCII letters
@@ -483,7 +489,8 @@ class _Compiler:
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
         """Append an operation that takes `takes` operands, and check the limits.
 
-        They are checked after each operation: nested powers could make a huge program."""
+        The limits are checked after each operation, since nested powers could otherwise
+        make a huge program before they are checked."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -575,7 +582,8 @@ class _Compiler:
         )
 
     def visit_power(self, node: ast.BinOp, level: int) -> Any:
-        """Append a power with an integer exponent as products; return its dimension."""
+        """Append a power with an integer exponent as repeated products, and return the
+        dimension of the power."""
         times = node.right.value if isinstance(node.right, ast.Constant) else None
         if type(times) is not int or not 1 <= times <= MAX_POWER:
             raise self.make_error(node.right, f"is not an integer exponent; allowed: 1 .. {MAX_POWER}")
@@ -808,7 +816,7 @@ def _escape_comment(text: str) -> str:
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", line)
 
 
-# ---- From program to values: operations on arrays, (rows,). h: [s] step before each row
+# ---- Operations of a program on arrays, (rows,). h: [s] time since the row before
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -841,10 +849,10 @@ def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float
 
 @_use_lists
 def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]:
-    """Apply a first-order lag with the time constants `time`, s, by the trapezoidal rule.
+    """Apply a first-order lag by the trapezoidal rule. `time`: [s] time constants.
 
-    A time constant below half a step is replaced by half a step: the result is then the
-    mean of two rows.
+    A time constant below half a step is replaced by half a step. The result in a row is
+    then the mean of the input in this row and in the row before.
     """
     y = [x[0]]
     for i in range(1, len(x)):
@@ -860,7 +868,7 @@ def _apply_second(
 ) -> list[float]:
     """Apply a second-order lag, by the same method as mode_step() in src/model/laws.h.
 
-    `frequency`: natural frequency, Hz. `damping`: damping ratio."""
+    `frequency`: [Hz] natural frequency. `damping`: [1] damping ratio."""
     x, v = a[0], 0.0
     y = [x]
     for i in range(1, len(a)):
@@ -875,14 +883,15 @@ def _apply_second(
 
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Delay a signal by `delay` [s]. Before the first row, it is taken as constant."""
+    """Delay a signal by `delay` [s]. It is taken as constant before the first row."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 
 
 @_use_lists
 def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float]:
-    """Apply play: the output moves only as needed to stay within `half` of the input."""
+    """Apply mechanical play of width 2 x `half`: the output changes only if it would
+    otherwise differ from the input by more than `half`."""
     y = [x[0]]
     for i in range(1, len(x)):
         y.append(min(max(y[-1], x[i] - abs(half[i])), x[i] + abs(half[i])))

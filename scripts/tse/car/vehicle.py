@@ -25,7 +25,8 @@ WHEELBASE_TOLERANCE = 0.01  # [m] max difference of wheelbase and lf + lr
 # [kg/m2] plausible range of mass / wheelbase^2. It is about 100 in small cars, and 380 in
 # vans. A mass in pounds instead of kg increases it by the factor 2.2.
 MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
-# keys that a calibration assumes to be known: if one changes, calibrate again
+# Keys whose values a calibration takes as known. If one of them is changed afterwards,
+# the calibration is no longer valid.
 CALIBRATED_FACTS = ("mass", "lf", "lr")
 MAX_REAR_RATIO = 1.05  # [1] max lf / lr of cars with front-wheel drive
 # keys at the top of the file that are not settings
@@ -39,22 +40,23 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
-# 1/friction of the tyres: name of the setting, and of the unknown in [calibration]
+# 1/friction of the tyres. The setting and the unknown in [calibration] have this name.
 FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
-# An unknown table is refused as misspelt if the similarity (ratio of difflib) of its name
-# to one of VEHICLE_TABLES is at least this.
+# [1] An unknown table is refused as misspelt if its name is at least this similar to a
+# name in VEHICLE_TABLES (ratio of difflib: 1 is equal).
 MIN_TABLE_LIKENESS = 0.75
 MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")  # keys that are not used
 
-# Lower limits of the prior that a calibration provides. Without them, the prior would be
-# too certain, since tyres and steering differ from the model.
+# Lower limits of the uncertainty that a calibrated file gives the prior of the filter.
+# Without these limits, the prior would be too certain, since the covariance of the
+# calibration does not include that tyres and steering differ from the model.
 MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
 MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction
 CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd
-# Settings that a calibrated vehicle file states from the residuals of the calibration.
+# Settings that a calibration computes from its residuals and writes to the vehicle file.
 # The filter does not use them: it estimates the noise of these sensors while driving.
 FOUND_SENSORS = (
     "accel_x_sd",
@@ -70,23 +72,26 @@ DRIVEN = {"both": 0, "front": 1, "rear": 2}  # values of the setting driven_axle
 
 @dataclass
 class Vehicle:
-    """Contents of a vehicle file, and missing values that rules have set."""
+    """Contents of a vehicle file, completed by values that rules set for missing keys."""
 
     path: Path | None
     name: str
     values: dict[str, float]  # settings by name
     facts: dict[str, Any]  # keys of the file that are not settings: DESCRIPTIVE, HINT_ONLY
-    filled: list[str] = field(default_factory=list)  # messages: values that rules have set
-    # messages: results of a calibration on the log itself
+    # messages on the values that rules have set
+    filled: list[str] = field(default_factory=list)
+    # messages on the results of a calibration with the estimated log itself
     found: list[str] = field(default_factory=list)
     given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
-    wrong: list[str] = field(default_factory=list)  # messages: errors that scale every stiffness
-    formula: Formula | None = None  # formula in the file that [formula] names
+    # messages on implausible values, e.g. of the mass, that make every stiffness wrong
+    wrong: list[str] = field(default_factory=list)
+    formula: Formula | None = None  # read from the file that the table [formula] names
     formula_path: Path | None = None
     # Table [calibration], as written by `tselab calibrate`; {}: there is none. Keys:
-    # names, mean and covariance of the fitted unknowns; of: CALIBRATED_FACTS when the car
-    # was calibrated; own: True if it was made on the log that is estimated
+    # "names", "mean" and "covariance" of the fitted unknowns. "of": values of
+    # CALIBRATED_FACTS when the car was calibrated. "own": True if the car was calibrated
+    # with the log that is estimated.
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -113,10 +118,10 @@ def get_unknown_car() -> dict[str, float]:
 
 @functools.cache
 def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
-    """Return settings of an ordinary car with this mass, kg, and distances lf and lr, m.
+    """Return settings of an ordinary car: name -> value.
 
-    lf, lr: distance of the front and rear axle from the centre of gravity. Settings that
-    are the same for an exactly known car are left out."""
+    `mass`: [kg]. `lf`, `lr`: [m] distance of the front and rear axle from the centre of
+    gravity. Settings that are the same for an exactly known car are left out."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -131,8 +136,8 @@ def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
     an ordinary car of its class (src/tables/uncalibrated.toml), as in C and the FMU. If
     the car is calibrated, the posterior of the calibration is the prior of the filter. If
     all of [uncertainty] is 0, the car is known exactly. Settings of the vehicle file take
-    precedence, except those that the calibration determines, and FOUND_SENSORS of a
-    calibrated car.
+    precedence, with two exceptions for a calibrated car: settings that the calibration
+    determines, and FOUND_SENSORS, which are not used.
     """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -173,8 +178,8 @@ def get_ordinary_car(config: Config) -> dict[str, float]:
 def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
     """Return grip and shape of the tyre curve.
 
-    `inverse`: fitted 1/friction; 0: it was not fitted, and the values of `ordinary` are
-    returned. `shape`: fitted shape. `ordinary`: settings of an ordinary car.
+    `ordinary`: settings of an ordinary car. `inverse`: fitted 1/friction. If it is 0, it
+    was not fitted, and grip and shape of `ordinary` are returned. `shape`: fitted shape.
     """
     if not inverse:
         return ordinary["grip"], ordinary[SHAPE]
@@ -182,9 +187,9 @@ def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) ->
 
 
 def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
-    """Return the stiffnesses of a calibrated file: key -> value, min and max, N/rad or N.
+    """Return the stiffnesses of a calibrated file: key -> (value, min, max), N/rad or N.
 
-    Min and max are the 95 % interval. {}: the file is not calibrated."""
+    Min and max are the limits of the 95 % interval. {}: the file has no calibration."""
     c, found = vehicle.calibration, {}
     for key in NOMINAL if c else ():
         value = float(vehicle.values[NOMINAL[key]])
@@ -230,7 +235,7 @@ def list_sensor_settings() -> list[str]:
 
 
 def list_latency_settings() -> dict[str, str]:
-    """Return a dict: key of [latency], the name of a channel -> setting."""
+    """Return a dict: key in the table [latency], i.e. name of a channel -> setting."""
     return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
@@ -247,7 +252,7 @@ def make_default_vehicle() -> Vehicle:
 def read_vehicle(path: Path) -> Vehicle:
     """Read and check a vehicle file; set missing stiffnesses by rule.
 
-    An unknown table only causes a note, since it may belong to a different program.
+    An unknown table only causes a note, since it may be meant for a different program.
 
     Raises
     ------
@@ -320,8 +325,8 @@ def _read_tables(
 ) -> tuple[dict[str, Any], list[str]]:
     """Add settings of the tables to `values`, and messages on wrong keys to `unknown`.
 
-    `tables`: name -> contents; "": the top of the file. `check`: settings in which each
-    value is set, to check its range.
+    `tables`: name of the table -> contents. The name "" means the top of the file.
+    `check`: a Config in which each value is also set, which checks its range.
 
     Returns
     -------
@@ -383,8 +388,8 @@ def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]
 def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
     """Return messages on an implausible mass or position of the axles.
 
-    A log does not reveal such errors, but the estimated stiffness is proportional to the
-    mass and depends on the position of the centre of gravity.
+    Such errors cannot be found in a log, but make the estimates wrong: the stiffness is
+    proportional to the mass and depends on the position of the centre of gravity.
     """
     mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
     found = []
@@ -490,8 +495,8 @@ def format_calibration_table(
     own
         True: the car was calibrated on the logs that are estimated.
     of
-        Settings of the car. Those of CALIBRATED_FACTS are written to the table. None: no
-        setting is written.
+        Settings of the car: name -> value. Those in CALIBRATED_FACTS are written to the
+        table. None: no setting is written.
     """
     lines = ["[calibration]"]
     if of:
@@ -527,7 +532,8 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # check correlations, whose size, and thus rounding errors, do not depend on units
+    # Check correlations instead of covariances: their size does not depend on units, so
+    # one tolerance for rounding errors suffices.
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
@@ -568,7 +574,7 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
 def is_set(config: Config, effect: EffectRow) -> bool:
     """Return whether an effect differs from its default.
 
-    By default, exact kinematics are on and all other effects off."""
+    By default, the effect "exact kinematics" is on, and all other effects are off."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
 
@@ -633,7 +639,9 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
 
 
 def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Set missing noise and bias of sensors from the log, by rules of log/noise.py."""
+    """Set the sensor settings (noise and bias) that the file leaves out.
+
+    They are estimated from the log by the rules of log/noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
     config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
@@ -681,7 +689,8 @@ def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving:
 def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
     """Reduce the stated noise of sensors if each row of the log is a mean of n samples.
 
-    The sd of the mean is sd / sqrt(n), with n = log.averaged."""
+    The stated sd is that of one sample. The sd of the mean is sd / sqrt(n), with n =
+    log.averaged."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
         if log.averaged < 2 or key not in vehicle.values:

@@ -1,7 +1,7 @@
 """Make the channels of the library from the signals of a log.
 
-A signal is a quantity under the name and in the unit of the log. A channel is a quantity
-under the name and in the SI unit of the library, e.g. yaw_rate in rad/s.
+A signal is a quantity with the name and the unit that it has in the log. A channel is a
+quantity with the name and the SI unit that it has in the library, e.g. yaw_rate in rad/s.
 
 Read: The file signals.toml assigns signals to channels (signals.py, mapping.py).
 raster.py resamples the channels to common rows. log.py returns the rows of a whole log,

@@ -2,9 +2,10 @@
 
 Physics relates the channels of a car: a_y = v r, a_x = dv/dt and so on (v: speed, r: yaw
 rate). Each relation gives a ratio of measured to expected values. The code calls these
-ratios figures. All are about 1 if units, signs and axes are right. check_units() computes
-them for every unit, sign and axis that is often mixed up. If such a mistake explains the
-log better than the channels as logged, it returns a warning with the factor.
+ratios figures. All are about 1 if units, signs and axes are right. check_units() assumes
+in turn each mistake of a unit or sign that is often made (the code calls it a cause), and
+computes the ratios after correction of this mistake. If the corrected ratios are much
+nearer to 1 than those of the channels as logged, it returns a warning with the factor.
 """
 
 from __future__ import annotations
@@ -32,36 +33,37 @@ FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.0
 # [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
 # not state the track.
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
-# An assumption on units and signs is rated by its cost: the sum of (ln ratio / sd)^2 over
-# the corrected ratios, plus the following costs.
+# Each assumed set of mistakes has a cost: the sum of (ln ratio / sd)^2 over the ratios
+# corrected for these mistakes, plus the following costs. The set of min cost is chosen.
 
-# [1] cost of each assumed mistake. A mistake is reported only if it reduces the sum by
-# more than this, since most logs are correct.
+# [1] cost of each assumed mistake. A mistake is thus reported only if it reduces the sum
+# by more than this. Most logs are correct, so a small reduction is probably chance.
 CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
 # [1] cost of each ratio that cannot be computed with the assumed unit of the speed, but
-# can with a different one. Without this cost, a unit with which the car would hardly move
-# would leave no ratio to compare, and would thus have the lowest cost.
+# can be computed with a different unit. Reason: with some units, the car would hardly
+# move, and no ratio could be computed. Such a unit would otherwise have the lowest cost.
 LOST_FIGURE_PRICE = 30.0
-# [1] A ratio is used only if the correlation of measured and expected values exceeds
-# this. For steer_angle: only if the fit explains more than this share of its variance.
+# [1] A ratio is used only if the correlation of measured and expected values exceeds this
+# limit. steer_angle: only if the fit explains more than this share of its variance.
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
-# [1] A ratio whose correlation is below MIN_FIT by less than this is used, too, if its
-# correlation exceeds MIN_FIT with a different assumed unit of the speed. Otherwise, the
-# units would be compared by different sets of ratios: a real log was wrongly reported as
-# km/h, since accel_y had a correlation of 0.898 with the correct speed, and of 0.913 with
-# 0.85 times this speed.
+# [1] If the correlation of a ratio exceeds MIN_FIT with one assumed unit of the speed,
+# the ratio is also used with other units if its correlation with them exceeds MIN_FIT -
+# FIT_SLACK. Otherwise, units would be compared by different sets of ratios. A real log
+# was thus wrongly reported as km/h: the correlation of accel_y was 0.898, below MIN_FIT,
+# with the correct speed, but 0.913 with 0.85 times this speed.
 FIT_SLACK = 0.05
-# [1] cost of a factor that belongs to no known unit: CAUSE_PRICE, plus the cost of
-# choosing one factor from 1/20 .. 20 with the accuracy of FIGURE_SD
+# [1] cost of correcting one channel by any factor: CAUSE_PRICE, plus the cost of choosing
+# the factor from 1/20 .. 20 with the accuracy of FIGURE_SD. A mistake of a known unit is
+# reported only if its cost is below that of the best factor.
 FREE_FACTOR_PRICE = 12.0
-# [1] A cause explains a ratio if the abs. logarithm of the corrected ratio is below this.
+# [1] A cause explains a wrong ratio if |ln ratio| is below this after the correction.
 EXPLAINED = 0.10
-# [1] abs. logarithm of a ratio above which a warning is given though no cause explains it
+# [1] If |ln ratio| exceeds this, there is a warning even if no cause explains the ratio.
 MAX_UNEXPLAINED = 0.35
-# [1] Handling also changes the ratio of the steering angle: a car that brakes in every
-# bend may oversteer. For a neutral van, the abs. logarithm of the ratio was then 0.48. Up
-# to this limit, the warning names handling as a possible cause.
+# [1] The ratio of the steering angle is also wrong if the car is always braked in bends,
+# since it may then oversteer: |ln ratio| was 0.48 for a neutral van. If |ln ratio| is
+# below this limit, the warning names braking in bends as a possible cause.
 MAX_HANDLING = 1.0
 STANDARD_GRAVITY = 9.80665  # m/s2
 # A warning contains this word if its cause is not certain, e.g. if a ratio is still wrong
@@ -96,7 +98,7 @@ WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (2.23694, 1, "mph", "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)"),
     (2.0, 0, "", "wheel_radius_front and _rear are diameters (divide them by 2)"),
 )
-# name of each ratio in messages
+# key of each ratio -> its name in messages
 FIGURES = {
     "accel_y": "accel_y over speed x yaw_rate",
     "accel_x": "accel_x over the change of wheel speed x wheel radius",
@@ -108,7 +110,7 @@ FIGURES = {
 
 # [s] Wheel speeds of 0 in a moving car are reported if they last at least this long.
 MIN_FALSE_STOP = 0.5
-# [m/s] min sum of the two steps of the wheel speed, to 0 and up again: e.g. 5 m/s each
+# [m/s] min sum of the step to 0 and the step back from 0, e.g. 5 m/s each
 MIN_FALSE_STEP = 10.0
 # [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
 MAX_SPEED_RATIO = 1.25
@@ -117,29 +119,30 @@ CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or of the cou
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
 # [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
-# MAX_FORCE_RATIO if both axles have torques, MIN_AXLE_SHARE if only one has.
+# MAX_FORCE_RATIO if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
 MAX_FORCE_RATIO = 1.6
 MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
-# [1] min ratio of the force of one axle, if only this axle has torques, to mass x accel_x
+# [1] min ratio of the force of one axle to mass x accel_x, if only this axle has torques
 MIN_AXLE_SHARE = 0.25
-# [1] The IMU is turned about its vertical axis if the cross-axis sensitivity of both
-# accelerometers exceeds this, the sine of 12 degrees. In correct logs, only one of the
-# two deviates from 0, by up to 0.13.
+# [1] The IMU is taken as turned about its vertical axis if the cross-axis sensitivities
+# of both accelerometers exceed this, the sine of 12 degrees. In correct logs, at most one
+# of the two sensitivities deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
-# If the two wheels of one side are logged as an axle, front minus rear wheel speed is
-# proportional to the yaw rate. SIDE_LEVER: [m] range of this factor. MIN_SIDE_SHARE: [1]
-# The yaw rate must explain at least this share of the variance of the difference, apart
-# from the variance that slip explains.
+# If the two wheels of one side of the car are logged as an axle, the logged front minus
+# rear wheel speed is proportional to the yaw rate. SIDE_LEVER: [m] allowed range of the
+# factor. MIN_SIDE_SHARE: [1] min share of the variance of the difference that the yaw
+# rate must explain. The variance that slip explains is not counted.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-# [s] max delay of accel_y behind the yaw rate. In logs with a correctly placed IMU, this
-# delay is -0.06 .. 0.1.
+# [s] max magnitude of the delay of accel_y behind the yaw rate. In logs with a correctly
+# placed IMU, this delay is -0.06 .. 0.1.
 MAX_LATE_ACROSS = 0.1
 # [rows] interval over which accel_x is integrated, to check the times of a log whose rows
 # are further apart than 1 / COMPARISON_RATE
 SLOW_ROWS = 20
 # [1] max ratio of this integral to the change of speed. Min ratio: 1 / MAX_TIME_RATIO
 MAX_TIME_RATIO = 3.0
-# [1] max share of the pieces of a log that contradict a mistake found in the whole log
+# [1] If a larger share than this of the pieces of a log contradicts a mistake that was
+# found in the whole log, the mistake is not reported.
 MAX_ODD_SHARE = 0.2
 COMPARED_PIECE_TIME = 20.0  # [s] length of these pieces: long enough to contain bends and changes of speed
 # [rows] max length of a log that is checked as a whole: 87 minutes at 100 Hz. Of a longer
@@ -166,7 +169,7 @@ class Figures:
     sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:
-        """Return a copy with the ratios of these names only."""
+        """Return a copy that has only the ratios with these names."""
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
@@ -224,12 +227,12 @@ def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
 
 
 def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
-    """Return a warning if accel_y is delayed against the yaw rate, or leads it, else [].
+    """Return a warning if accel_y is delayed against the yaw rate or leads it; [] if not.
 
     The expected accel_y is v r plus the derivative of the lateral velocity, delayed by
-    the latency in the vehicle file. Body roll delays it by up to MAX_LATE_ACROSS more.
-    There is a warning if the magnitude of the remaining delay exceeds MAX_LATE_ACROSS by
-    more than 3 sd."""
+    the latency in the vehicle file. The measured accel_y is compared with it. Body roll
+    causes a further delay of up to MAX_LATE_ACROSS. There is a warning if the magnitude
+    of the delay exceeds MAX_LATE_ACROSS by more than 3 sd."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -269,9 +272,9 @@ def check_units(
     log : CheckedLog
         The log.
     wheelbase : float
-        Wheelbase, m.
+        [m] Wheelbase.
     radius_front, radius_rear : float
-        Radii of the wheels, m.
+        [m] Radii of the wheels.
     ratio : float or None
         Steering ratio. None: unknown.
     tracks : mapping of str to float, optional
@@ -352,11 +355,13 @@ def _holds_throughout(
     radii: tuple[float, float],
     causes: tuple[Cause, ...],
 ) -> bool:
-    """Return whether the causes lower the cost in nearly all pieces of the log.
+    """Return whether correcting the causes lowers the cost in nearly all of the log.
 
-    A wrong unit or sign affects the whole log. A slide or ice affects the ratios in the
-    same way, but only in a part of it. Pieces with little motion, in which the cost
-    hardly changes, are not counted."""
+    The log is divided into pieces of COMPARED_PIECE_TIME, since a wrong unit or sign
+    affects all of it. A slide or ice may have the same effect on the ratios, but only in
+    a part of the log. If the correction changes the cost of a piece by at most
+    CAUSE_PRICE, e.g. because of little motion, the piece is not counted.
+    """
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
     count = round(COMPARED_PIECE_TIME * physics.COMPARISON_RATE)
@@ -415,9 +420,9 @@ def find_false_stops(
 ) -> list[str]:
     """Return a warning if both wheel speeds are 0 while the car drives.
 
-    The speeds then step to 0 from one row to the next, and back to the speed of the car
-    in the same way. The sum of both steps exceeds MIN_FALSE_STEP, which braking and
-    accelerating cannot cause."""
+    Criterion: the speeds step to 0 from one row to the next, and later step back to the
+    speed of the car in the same way. The sum of both steps exceeds MIN_FALSE_STEP.
+    Braking and accelerating cannot cause such steps."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -498,9 +503,9 @@ def _check_pedals(
 ) -> list[str]:
     """Return warnings if brake or wheel torques contradict the acceleration.
 
-    The brake (1: on) is compared with dv/dt, the force of the torques with mass x
-    accel_x. If only one axle has torques, only accelerating rows are compared, since the
-    brakes act on both axles."""
+    The brake (1: on) is compared with dv/dt. The force of the torques is compared with
+    mass x accel_x. If only one axle has torques, only rows in which the car accelerates
+    are used, since the brakes act on both axles."""
     found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
         loses = f"off in {{:.0f}} % of the rows in which the car brakes by more than {-COASTING_LOSS:g} m/s2"
@@ -584,8 +589,8 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
 def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """Return a warning if the IMU is turned about the vertical axis.
 
-    Each accelerometer then measures a part of the acceleration along the other axis, one
-    of them with the opposite sign."""
+    accel_x then contains a part of the lateral acceleration, and accel_y contains the
+    same part of the longitudinal acceleration with the opposite sign."""
     turn, rate = v * d["yaw_rate"], physics.differentiate(v)
     rows = (np.abs(v) > physics.MOVING_SPEED) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
     if rows.sum() < physics.MIN_ROWS:
@@ -614,9 +619,10 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # Front - rear speed also changes because tyre radii differ by wear (v), and depend on
-    # the square of the speed (v^3) and on the load in bends (v |v r|). The yaw rate must
-    # explain the difference with and without these terms.
+    # Tyre radii also change the difference of front and rear speed. They differ by wear
+    # (term v), and depend on the square of the speed (term v^3) and on the load in bends
+    # (term v |v r|). The yaw rate must explain the difference both with and without these
+    # terms.
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
@@ -678,7 +684,9 @@ def _compute_figures(
 ) -> Figures:
     """Return the ratios of measured to expected values for the speed v, m/s.
 
-    `wheels`: assumed factor by which the logged wheel speeds are too large."""
+    `d`: channels of the log or of a part of it. `wheels`: assumed factor by which the
+    logged wheel speeds are too large. v is already divided by it. The track ratios use
+    logged wheel speeds, and are divided by it here."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -720,8 +728,9 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
     for cause in causes:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
-    # With the yaw rate r, the ratios are proportional to accel_y / (v r), accel_x,
-    # steer_angle v / r, and (right - left wheel speed) / r.
+    # The ratios are proportional to accel_y / (v r), accel_x, steer_angle v / r, and
+    # (right - left wheel speed) / r (r: yaw rate). `expected`: factor by which the causes
+    # have changed each ratio.
     expected = {
         "accel_y": by["accel_y"] / by["yaw_rate"],
         "accel_x": by["accel_x"],

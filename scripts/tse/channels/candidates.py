@@ -14,7 +14,7 @@ from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # max number of signals that are listed for one channel
 MIN_VALUES = 4  # min number of values of a signal that is compared
-# role -> kind of unit that it needs, for messages
+# role, i.e. quantity that a signal may measure -> its kind of unit, as messages name it
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -40,7 +40,7 @@ def find_nearest_candidates(
     missing : sequence of str
         The channels that were not found.
     v : ndarray or None, (rows,)
-        Speed on the raster of `look`, m/s. None: unknown.
+        [m/s] Speed at the times of `look`. None: unknown.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def find_nearest_candidates(
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return the score of a signal for a role, by its name and unit; 0: no candidate."""
+    """Return how well name and unit of a signal fit a role; 0: it is no candidate."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -79,10 +79,10 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern of the role whether the name of c matches, but is rejected.
+    """Return, for each pattern of the role, whether the name matches but is rejected.
 
-    A matching name is rejected if it also has a word for a different quantity: its score
-    is then negative."""
+    A name that matches a pattern is rejected if its score is negative. This is so if the
+    name also has a word for a different quantity. `c`: the signal with this name."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]
@@ -138,7 +138,10 @@ def _explain_rejection(
 def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
-    """Return the kinematic relation that a signal contradicts, or why none was tested."""
+    """Return the kinematic relation that a signal contradicts. If none was tested, return
+    the reason.
+
+    `x`: values of the signal. `named`: score of its name for the role."""
     if v is None:
         return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal fits better"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}

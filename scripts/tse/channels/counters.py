@@ -3,12 +3,12 @@
 import numpy as np
 
 MIN_COUNTING_SHARE = 0.8  # [1] min share of the steps of a counter that are +1
-# find_modulo() tries these moduli, and then (max - min + 1) of the counter.
+# find_modulo() tries these moduli, and then max - min + 1 of the logged counter values.
 USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)
 
 
 def find_modulo(counter: np.ndarray) -> int:
-    """Return the modulo of a counter: the number of its values before it starts again.
+    """Return the modulo of a counter, i.e. the number of steps until its values repeat.
 
     Parameters
     ----------
@@ -22,8 +22,9 @@ def find_modulo(counter: np.ndarray) -> int:
 
     Notes
     -----
-    A counter may leave out its highest value, or 0: 0 .. 14 and 1 .. 15 have 15 values.
-    If several moduli fit equally well, a power of 2 is returned.
+    The modulo need not be a power of 2, since a counter may leave out its highest value,
+    or 0. For example, counters with the values 0 .. 14 or 1 .. 15 have the modulo 15. If
+    several moduli fit equally well, a power of 2 is returned.
     """
     there = counter[np.isfinite(counter)]
     if len(there) < 2 or there.min() < 0:

@@ -22,9 +22,10 @@ MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals after the shift
 MIN_CORR_GAIN = 0.15  # [1] min increase of the correlation by the shift
 MAX_CORRELATED_ROWS = 1 << 16  # max number of values of a signal that are correlated: 1.8 h
 MIN_GROUP_SAMPLES = 100  # min number of values in a group
-# [s] A signal with a longer duration, or with a later first time, is not correlated.
+# [s] A signal is not correlated if it lasts longer than MAX_SIGNAL_SPAN, or if its first
+# time is later than MAX_SIGNAL_TIME.
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
-MAX_GROUPS = 64  # The groups of a file with more groups are not aligned.
+MAX_GROUPS = 64  # If a file has more groups, none of them is aligned.
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class ClockGroup:
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:
     """Shift the times of groups of signals to a common clock.
 
-    The reference is the clock of the group whose signal names best describe yaw rate and
-    lateral acceleration.
+    The common clock is that of the reference group. This is the group with the signals
+    whose names best describe yaw rate and lateral acceleration.
 
     Parameters
     ----------
@@ -119,9 +120,10 @@ def _group_channels(recording: Recording) -> list[ClockGroup]:
 
 
 def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
-    """Return the time spans of b and a in words if they hardly overlap, otherwise "".
+    """Return a description of both time spans if they hardly overlap, otherwise "".
 
-    They hardly overlap if they share at most half of the shorter span."""
+    The spans of `a` and `b` hardly overlap if their common part is at most half of the
+    shorter span."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
     if shared > 0.5 * min(a1 - a0, b1 - b0):
@@ -130,8 +132,9 @@ def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
 
 
 def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
-    """Return the best score for a role, and the channel that has it; 0, None: none
-    fits."""
+    """Return the best score of a channel name for a role, and the channel that has it.
+
+    If no channel of the group fits, return (0, None)."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
@@ -216,9 +219,10 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift of max correlation [s], this correlation, and that without shift.
+    """Correlate two signals at all shifts.
 
-    `one`, `two`: start time, s, and values of each signal."""
+    Return the shift of max correlation [s], the correlation at this shift, and the
+    correlation without shift. `one`, `two`: (start time [s], values) of each signal."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
@@ -238,7 +242,8 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     steps = np.where(steps > size // 2, steps - size, steps)
     before, top, after = corr[k - 1], corr[k], corr[(k + 1) % size]
     bend = before - 2.0 * top + after
-    # offset of the vertex of the parabola through the three values, in steps
+    # Interpolate the shift by the parabola through the max correlation and its two
+    # neighbours. `between`: [steps] distance of the vertex from the max.
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
     # sample i of a corresponds to sample i + k of b
     lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0

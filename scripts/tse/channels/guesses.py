@@ -1,6 +1,7 @@
 """Make the guesses of a proposal, each with its evidence.
 
-A guess is a signal for a channel, with its unit, sign, ratio, latency and confidence.
+A guess is a signal that is proposed for a channel, with unit, sign, ratio, latency and
+confidence. A role is a quantity that a signal may measure, e.g. yaw_rate or wheel.
 """
 
 from collections.abc import Mapping
@@ -18,12 +19,14 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
 BY_SIZE = "by its size"  # source of a unit that neither the log nor the name states
-# [rad] min yaw misalignment of the IMU for a warning. A smaller one causes an error of
-# about 1 % in accel_y, and tselab calibrate estimates it.
+# [rad] There is a warning if the IMU is turned about the vertical axis by more than this.
+# A smaller angle causes an error of about 1 % in accel_y, and tselab calibrate estimates
+# the angle.
 MIN_MOUNTING = 0.12
-# Prior of the unit of a steering angle, for a log with too few bends for a test. Key:
-# (unit; True: angle of the steering wheel, False: of the road wheels). Value: (typical
-# 97 % quantile of the magnitude, whose logarithm has an sd of 1; share of logs).
+# Prior of the unit of a steering angle, used if a log has too few bends for a test. Key:
+# (unit, True for the angle of the steering wheel or False for that of the road wheels).
+# Value: (usual 97 % quantile of |angle| in this unit, share of logs with this unit). The
+# logarithm of the quantile has an sd of 1 between logs.
 STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
@@ -54,9 +57,9 @@ def make_guesses(
     chosen : mapping of str to str
         Role of each other channel -> name of its signal.
     worth : mapping of str to mapping of str to float
-        Scores of the signal of each role: by its name ("said"), by physics ("shown").
+        Role -> the two scores of its signal: "said" by name, "shown" by physics.
     scale : UnitScale
-        Unit of each role.
+        Unit of each role, and its factor to SI.
     car : Vehicle or None
         Car, with wheel radii, wheelbase and steering ratio.
     warnings : list of str
@@ -98,12 +101,13 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the sign of each motion channel. True: the sign of the yaw rate was tested.
+    """Return the sign of each motion channel, and whether the yaw rate's was tested.
 
     A sign is -1 if the logged signal is positive to the right or backwards. The sign of
-    the yaw rate follows from right - left wheel speed, or otherwise from the course of a
-    GNSS receiver. The sign of accel_y follows from its correlation with v r, the sign of
-    accel_x from its correlation with dv/dt. `facts`: result of measure_slopes()."""
+    the yaw rate follows from right - left wheel speed. If this is not possible, it
+    follows from the course of a GNSS receiver. The sign of accel_y follows from its
+    correlation with v r, the sign of accel_x from its correlation with dv/dt. `facts`:
+    result of measure_slopes()."""
     turn = facts.get("track_corr", 0.0)
     if abs(turn) <= 0.7:
         turn = facts.get("course_corr", 0.0)
@@ -143,9 +147,10 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 def _rate_confidence(said: float, shown: float) -> str:
     """Return the confidence of a guess from its scores by name and by physics.
 
-    `said`: score by name. `shown`: score by physics. sure: `said` is at least
-    MIN_NAME_SCORE, and `shown` at least 2.5. likely: `shown` is at least 2.5, or `said`
-    is at least 2.5 and `shown` above -1. unsure: otherwise."""
+    `said`: score by name. `shown`: score by physics.
+    "sure": `said` is at least MIN_NAME_SCORE, and `shown` is at least 2.5.
+    "likely": `shown` is at least 2.5, or `said` is at least 2.5 and `shown` above -1.
+    "unsure": otherwise."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -248,9 +253,10 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of the steering angle. Its ratio follows from a fit to r/v.
+    """Return the guess of the steering angle.
 
-    r: yaw rate, rad/s. v: speed, m/s. r/v is the curvature of the path."""
+    Its steering ratio follows from a fit of the angle to the curvature of the path, r/v.
+    `r`: [rad/s] yaw rate. `v`: [m/s] speed. None: unknown."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
     unit = unit if unit_kind(unit) == "angle" else ""
@@ -296,7 +302,8 @@ def _guess_steering(
 def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
     """Set unit and ratio of a steering angle by its size, if no test is possible.
 
-    `why`: reason why it cannot be tested."""
+    `x`: values of the angle. `unit`: unit in the log; "": unknown. `given`: steering
+    ratio in the vehicle file; None: unknown. `why`: reason why no test is possible."""
     guess.unit, wheel = _guess_by_size(x, unit)
     guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
@@ -310,11 +317,12 @@ def _choose_steering_unit(
 ) -> float:
     """Choose the unit of the steering angle; return the ratio of the angle to r L/v.
 
-    L: wheelbase. `raw`: ratio of the angle, in the unit of the signal, to r L/v.
-    `spread`: sd of its logarithm. `unit`: unit in the log; "": unknown. The unit is
-    chosen for which the ratio is nearest to 1 (angle of the road wheels) or to the
-    steering ratio (angle of the steering wheel). The steering ratio is `given`, that of
-    the vehicle file, or RATIO_PRIOR if `given` is None."""
+    L: wheelbase, so r L/v [rad] is the angle of the road wheels without understeer. With
+    the right unit, the ratio is 1 for the angle of the road wheels, and the steering
+    ratio for the angle of the steering wheel. The unit whose ratio is nearest to one of
+    these two values is chosen. `raw`: ratio of the angle, in the unit of the signal, to
+    r L/v. `spread`: sd of ln `raw`. `unit`: unit in the log; "": unknown. `given`:
+    steering ratio in the vehicle file; None: unknown, RATIO_PRIOR is used."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
     options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
@@ -338,11 +346,12 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio to that of the vehicle file, if the measured ratio agrees.
+    """Set the steering ratio of a guess.
 
-    `given`: ratio in the vehicle file; None: unknown. `spread`: sd of the logarithm of
-    the measured `ratio`. If both disagree, the measured ratio is used, with a warning. If
-    `given` is None, the measured ratio is combined with the prior."""
+    It is the ratio in the vehicle file if the measured ratio agrees with it. If not, it
+    is the measured ratio, with a warning. If the vehicle file has no ratio, the measured
+    ratio is combined with the prior. `ratio`: measured ratio. `spread`: sd of its
+    logarithm. `given`: ratio in the vehicle file; None: unknown."""
     if given is None:  # mean of measured ratio and prior, weighted by their variances
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
@@ -437,8 +446,8 @@ def _check_turned_imu(
 ) -> None:
     """Warn if the IMU is turned about the vertical axis.
 
-    accel_y then contains the longitudinal acceleration times the sine of the angle. The
-    angle and its sd follow from a regression of accel_y on v r and dv/dt."""
+    If it is, accel_y contains the longitudinal acceleration times the sine of the angle.
+    The angle and its sd follow from a regression of accel_y on v r and dv/dt."""
     if v is None or "yaw_rate" not in found or "accel_y" not in found:
         return
     r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
@@ -524,14 +533,14 @@ def _check_offsets(
 # ---- Latency of each channel behind the yaw rate.
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
-# [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
-# steering. They are from simulations of understeering single-track models that have
-# relaxation lengths and random parameters.
+# [s] mean and sd, over many cars, of the lag of the yaw rate behind the angle of the road
+# wheels in slow steering. They are from simulations of understeering single-track models
+# with tyre relaxation lengths and random parameters.
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-# A latency of the steering angle is proposed above this many of its sd.
+# [sd of the latency] A latency of the steering angle is proposed if it exceeds this.
 MIN_STEERING_SDS = 2.0
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-MIN_LATENCY_SDS = 4.0  # the same for the other channels
+MIN_LATENCY_SDS = 4.0  # as MIN_STEERING_SDS, for the other channels
 
 
 def find_latencies(
@@ -542,7 +551,8 @@ def find_latencies(
     sign: Mapping[str, float],
     warnings: list[str],
 ) -> None:
-    """Set latencies of wheel speeds, accel_y and steering angle behind the yaw rate."""
+    """Set the latencies of wheel speeds, accel_y and steering angle, relative to the yaw
+    rate, in the guesses `found`."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -578,12 +588,13 @@ def find_latencies(
 def _set_steering_latency(
     look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
 ) -> None:
-    """Set the latency of the steering angle, if the yaw rate follows it too soon.
+    """Set the latency of the steering angle, if the yaw rate follows the angle too soon.
 
-    The yaw rate of a car lags the angle of its road wheels by YAW_LAG. If it lags the
-    logged angle by less, or leads it, the logged angle has a latency. If the difference
-    is no larger than that between cars (YAW_LAG_SD), the latency can only be found by a
-    fit of the whole car: tselab calibrate."""
+    In a car, the yaw rate lags the angle of the road wheels by about YAW_LAG. If the
+    measured lag is smaller or negative, the logged angle is delayed, and its latency is
+    YAW_LAG - lag. The lag differs between cars (YAW_LAG_SD). A latency that is not much
+    larger than this sd is not set here. It can only be found by a fit of the whole car:
+    tselab calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -610,19 +621,21 @@ def _find_accel_lag(
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:
-    """Return the lag of accel_y behind v r, and its sd, s.
+    """Return the lag of accel_y behind v r, and the sd of the lag, both in s.
 
-    `slope`: derivative r' of the yaw rate. The fit has terms in r' and v^2 r'."""
+    `slope`: derivative r' of the yaw rate. The fit has two further terms, r' and v^2 r',
+    since the lateral velocity contributes such terms to accel_y."""
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
     return physics.find_lag(v * r, y, keep & (v > MOVING_SPEED), (slope, v**2 * slope))
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
-    """Set the latency of a guess to `late`, s, if it is significant; add the evidence.
+    """Set the latency of a guess to `late`, if it is significant; add the evidence.
 
-    `sd`: sd of `late`, s. `clock`: name of the yaw rate signal, relative to which
-    latencies are. If the signal of the guess has the same time stamps as the yaw rate,
-    the min latency is doubled. `how`: compared signals, for the evidence."""
+    `late`: [s] delay behind the yaw rate. `sd`: [s] sd of `late`. `clock`: name of the
+    signal of the yaw rate. If the signal of the guess has the same time stamps as the yaw
+    rate, the min latency is doubled. `how`: which signals were compared, for the
+    evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -51,8 +51,8 @@ from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# A log has the library's channel names if it has the first of these channels and at least
-# one of the wheel speeds.
+# A log is taken to use the library's channel names if it has a column steer_angle and a
+# column of at least one of these two wheel speeds.
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -87,9 +87,9 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     """Scale a substituted wheel speed to the wheel radii of this car; return the log.
 
-    If the log lacks the wheel speed of one axle, a substitute is computed from the wheel
-    speed of the other axle. Both axles move at the same speed, wheel speed x wheel
-    radius. The substitute is thus the other wheel speed x (other radius / own radius)."""
+    If the log lacks the wheel speed of one axle, it is computed from the wheel speed of
+    the other axle. Wheel speed x wheel radius is taken as the same at both axles. The
+    missing wheel speed is thus the other wheel speed x (other radius / own radius)."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -101,9 +101,9 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    The result is False if options or a signals.toml next to the file assign its columns,
-    if its times are dates or times of day, or if its decimals are written with a comma.
-    read_any() then reads the file."""
+    If not, read_any() reads the file. The result is also False if options or a
+    signals.toml next to the file assign its columns, if its times are dates or times of
+    day, or if its decimals are written with a comma."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -169,7 +169,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     Parameters
     ----------
     frame : mapping of str to array, or DataFrame
-        The columns, by the library's names. Column `time` is in s, or holds dates, times
+        The columns, with the library's names. Column `time` is in s, or holds dates, times
         of day or time differences. If a data frame has no column `time`, its index may
         hold the times.
     name : str
@@ -289,8 +289,9 @@ def _is_optional(column: str) -> bool:
 def _read_head(path: Path) -> tuple[list[str], int | None]:
     """Return the first two lines of a log, and the number of its complete rows.
 
-    The number is None if the file ends with a line break: all rows are then complete.
-    Otherwise, the last row is not counted, since it may be cut off."""
+    If the file ends with a line break, all rows are complete, and None is returned
+    instead of their number. Otherwise, the last row is not counted, since it may be cut
+    off."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
@@ -343,7 +344,7 @@ def _read_numbers(
 
     In a needed column, cells that are not numeric become NaN, with a note. If their share
     exceeds MAX_OUTSIDE, an error is raised. An optional column with a cell that is not
-    numeric is left out. Rows without any value in a needed column are dropped.
+    numeric is left out. A row is dropped if all its needed columns are empty.
 
     Parameters
     ----------
@@ -352,7 +353,7 @@ def _read_numbers(
     header : list of str
         Names of all columns.
     first : list of str
-        List with the first line after the header; empty if there is none.
+        A list with one string, the first line after the header; [] if there is none.
     whole : int or None
         Number of rows to read. None: all.
     needed : list of str
@@ -511,9 +512,10 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """If the log has no wheel speeds, add that of the front axle to the channels `found`.
+    """If the log has no wheel speeds, add a wheel speed of the front axle to `found`.
 
-    It is vehicle_speed / wheel radius, so it contains no information on slip."""
+    `found`: channels of the log. The added wheel speed is vehicle_speed / wheel radius,
+    so it contains no information on slip."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -550,9 +552,10 @@ def _join_slow_channels(
 ) -> dict[str, SlowChannel]:
     """Return the original entries of the channels that are slower than the rows.
 
-    An entry is a value with its time. `native`: channel -> (times [s] of its entries,
-    their values, their rate [Hz]). `rate`: rate of the rows [Hz]. If both wheels of an
-    axle are slower than the rows, their mean is returned as the speed of the axle."""
+    An entry is a value with its time. If both wheels of an axle are slower than the rows,
+    the mean of the two wheel speeds is returned as the speed of the axle. `native`:
+    channel -> (times [s] of its entries, their values, their rate [Hz]). `rate`: [Hz]
+    rate of the rows."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
