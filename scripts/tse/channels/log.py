@@ -169,9 +169,9 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     Parameters
     ----------
     frame : mapping of str to array, or DataFrame
-        The columns, with the library's names. Column `time` is in s, or holds dates, times
-        of day or time differences. If a data frame has no column `time`, its index may
-        hold the times.
+        The columns, with the library's names. Column `time` is in s, or holds dates,
+        times of day or time differences. If a data frame has no column `time`, its index
+        may hold the times.
     name : str
         Name of the log in messages. Messages count rows from 0.
 

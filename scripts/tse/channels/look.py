@@ -1,6 +1,7 @@
 """Prepare a log for the search for its channels (class Look), and describe the result.
 
-A Guess is the signal proposed for one channel. A Proposal has all guesses for a log.
+A Guess is the signal proposed for one channel. A Proposal has all guesses for a log. A
+role is a quantity that a signal may measure.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import find_unit_suffix
 
-# role, i.e. quantity that a signal may measure -> kinds of its possible units
+# role -> kinds of the units that a signal with this role may have
 ROLE_KINDS = {
     "yaw_rate": ("rate",),
     "accel_y": ("acceleration",),
@@ -33,19 +34,22 @@ ROLE_KINDS = {
 }
 WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
 MAX_LOOK_TIME = 1500.0  # [s] Only this first part of a log is used to find the channels.
-# Some buses send a quantity as magnitude, and its sign as a separate bit.
+# Some buses send the magnitude of a quantity as one signal, and its sign as a bit, which
+# is a second signal. The following limits are for the search for sign bits.
 MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign bit
 MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # [1] Min share of rows in which a sign bit is 1 and the magnitude is above half its mean.
-# Bends to one side have such rows. A flag for standstill has none.
+# A sign bit has such rows in bends to one side. A flag for standstill also changes at
+# small magnitudes, but has no such rows.
 MIN_SIGN_SHARE = 0.02
-# [1] max of (median of a magnitude at changes of its sign bit) / (mean of the magnitude)
+# [1] max ratio of two values of a magnitude: its median in rows in which the sign bit
+# changes, and its mean over all rows
 MAX_AT_ZERO = 0.2
-# max number of different values of a status; a signal with more is a measured quantity
+# A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
 MIN_NAME_SCORE = 1.0  # min score of a name that describes a role
-MIN_PROOF_CORR = 0.9  # min correlation of signals that proves a kinematic relation
+MIN_PROOF_CORR = 0.9  # min correlation for a kinematic relation to count as proven
 
 
 @dataclass
@@ -60,13 +64,13 @@ class Guess:
     ratio: float | None = None  # steering ratio, by which the angle is divided
     latency: float = 0.0  # [s] delay from the measurement to its time in the log
     clock: float = 0.0  # [s] time by which the clock of the signal is ahead of the other clocks
-    above: float | None = None  # brake pressure above which the car brakes, in `unit`
+    above: float | None = None  # channel brake: value in `unit` above which the car brakes
     sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
-    add: str | None = None  # name of the signal with the fine part of the value, which is added
+    add: str | None = None  # name of a signal that is added: the fine part of a coarse value
     # name of the validity flag, and its value if the signal is valid
     valid: tuple[str, float] | None = None
-    counter: tuple[str, int] | None = None  # name of the counter of its message, and its modulo
-    # what was guessed, but not tested: sign, unit, ...
+    counter: tuple[str, int] | None = None  # name and modulo of the counter of the message
+    # properties that were guessed but could not be tested: sign, unit, ...
     unsure: list[str] = field(default_factory=list)
     confidence: str = "unsure"  # sure, likely, unsure
     figures: list[str] = field(default_factory=list)  # evidence for the guess, in words
@@ -98,9 +102,10 @@ def _find_sign_bit(
 ) -> str | None:
     """Return the name of the bit that holds the sign of a magnitude; None: there is none.
 
-    The bit has a similar name, changes while the magnitude is near 0, and is 1 in some
-    rows with a large magnitude. The last condition excludes a flag for standstill.
-    `bits`: short name -> (name, times, values) of each signal with only two values."""
+    The bit has a name similar to that of the magnitude. It changes while the magnitude is
+    near 0, and it is 1 in some rows with a large magnitude. The last condition excludes a
+    flag for standstill. `name`, `time`, `value`: of the magnitude. `bits`: all signals
+    with only two values, short name -> (name, times, values)."""
     there = value[np.isfinite(value)]
     if there.min() < 0:
         return None
@@ -124,8 +129,8 @@ def _find_sign_bit(
 def _mask_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
     """Return the first `rows` values of a channel, NaN where they are invalid.
 
-    A value is invalid if its validity flag differs from the value for valid, or if it is
-    the code for "not available"."""
+    A value is invalid if the validity flag of the channel does not have the value that
+    means valid, or if the value is a code for "not available"."""
     value = c.value[:rows]
     bad = mark_no_value(value)
     flag = find_flag(recording, c, flags)
@@ -148,7 +153,7 @@ class Look:
     raw : dict of str to (ndarray, ndarray)
         Times and values of each signal before resampling, NaN if invalid.
     rate : dict of str to float
-        New values per second of each signal, Hz.
+        [Hz] New values per second of each signal. Repetitions are not counted.
     sign_bit : dict of str to str
         Name of a magnitude -> name of the bit with its sign.
     """
@@ -163,8 +168,8 @@ class Look:
             time, value = clocks.straighten(c)
             # of a long log, copy only the first part
             rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
-            # if entries of `value` were dropped, its rows no longer match those of a
-            # flag: do not use the flag
+            # If the repair of the times dropped entries, the rows of `value` no longer
+            # match the rows of the flag. Then the flag is not used.
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
@@ -193,7 +198,7 @@ class Look:
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
-        """Return the name of a signal, without a final "status" if it is not a status.
+        """Return the name of a signal. A final "status" is removed if it is wrong.
 
         A signal with more than MAX_STATES values is not a status, whatever its name."""
         if name not in self._called:
@@ -214,9 +219,9 @@ class Look:
         return self._unit[name]
 
 
-# ---- Find signals that belong to a measurement in the same message: validity flag,
-# message counter, fine part of a value that is sent in coarse steps. Warn of tick
-# counters of wheels.
+# ---- Find the companions of a measurement, i.e. other signals of its message that belong
+# to it: its validity flag, the counter of the message, and the fine part of a value that
+# is sent in coarse steps. Warn of signals that are tick counters of wheels.
 
 FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
@@ -224,7 +229,7 @@ FLAG_NAME = re.compile(
     r"status|\bsts\b|\bstat\b|\bstate\b|avail|plaus",
     re.IGNORECASE,
 )
-# name of a flag that may refer to all signals of its message
+# pattern of the names of flags that may refer to all signals of their message
 MESSAGE_FLAG_NAME = re.compile(r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE)
 BAD_STATE_NAME = re.compile(
     r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|"
@@ -240,19 +245,21 @@ MAX_FLAG_VALUES = 8  # max number of different values of a flag
 MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for valid
 MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
 CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
-# [1] A fine part is searched for if the step of a signal is at least this share of its
-# max value, or at least 0.5.
+# [1] A signal is coarse if its quantisation step is at least this share of its largest
+# magnitude, or at least 0.5. Only for coarse signals, a fine part is searched for.
 COARSE_STEP = 0.02
-# [1] max ratio of two roughnesses: that of the sum (coarse value + fine part), and that
-# of the coarse value alone. The roughness is the mean absolute second difference.
+# [1] A signal is accepted as the fine part if adding it to the coarse value reduces the
+# roughness of the coarse value to less than this share. The roughness is the mean
+# absolute second difference.
 MAX_FILLED = 0.35
 
-# (message, number of entries) -> flags, each with its value for valid
+# Flags of a recording. Key: (name of the message, number of entries of the flag). Value:
+# list of (flag, value of the flag that means valid).
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
 
 
 def find_flags(recording: Recording) -> Flags:
-    """Return the flags of each message, each with its value for valid."""
+    """Return the flags of each message, each with the value that means valid."""
     found: dict[tuple[str, int], list[tuple[Channel, float]]] = {}
     for c in recording:
         if (v := _find_valid_value(c)) is not None:
@@ -263,10 +270,11 @@ def find_flags(recording: Recording) -> Flags:
 def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
-    """Return the validity flag of the signal `mine`, and its value for valid; None: none.
+    """Return the validity flag of the signal `mine`, and the value that means valid.
 
     The flag is in the same message. Its name is similar to the name of the signal, or it
-    is the only flag that refers to the whole message. Flags in `taken` are left out."""
+    is the only flag that refers to the whole message. Names in `taken` are left out.
+    None: the signal has no flag."""
     found = sorted(
         (_compare_names(c, mine), c.name, v)
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())
@@ -284,7 +292,9 @@ def find_flag(
 
 
 def _is_of_another_signal(recording: Recording, flag: str) -> bool:
-    """Return whether the name of a flag is similar to that of a signal of its message."""
+    """Return whether the name of a flag is similar to that of a signal of its message.
+
+    Such a flag belongs to this signal, and does not refer to the whole message."""
     mine = recording.channels[flag]
     message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
@@ -307,9 +317,9 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
 def mark_no_value(value: np.ndarray) -> np.ndarray:
     """Return a mask of the rows in which a signal has a code for "not available".
 
-    The code is the value of the largest magnitude if it is in at least two rows, but in
-    at most 1 - MIN_VALID_SHARE of them, and exceeds CODE_RATIO times the next smaller
-    magnitude."""
+    The largest magnitude of the signal is taken as a code if at least two rows, but at
+    most the share 1 - MIN_VALID_SHARE of all rows, have it, and if it exceeds CODE_RATIO
+    times the next smaller magnitude."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0
@@ -321,7 +331,9 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
-    """Find flag, counter and fine part of each guess by message, name and values."""
+    """Find flag, counter and fine part of each guess, and set them in the guess.
+
+    They are found by message, name and values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
@@ -347,7 +359,9 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
 
 
 def _get_message_name(c: Channel) -> str:
-    """Return the name of the message, i.e. what precedes the last dot; "" in a table."""
+    """Return the name of a signal's message: what precedes the last dot in its full name.
+
+    Return "" if there is no dot, as in a table."""
     return c.name.replace("/", ".").rpartition(".")[0]
 
 
@@ -359,9 +373,10 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 def _find_valid_value(c: Channel) -> float | None:
     """Return the value of a flag that means valid; None: unknown, or not a flag.
 
-    If the database names the states of the flag, and some names describe a bad state, the
-    value is the only state in the log that is not bad. Otherwise, it is the value in at
-    least MIN_VALID_SHARE of the rows, provided that other rows have a different value."""
+    If the database names the states of the flag, and some names describe a bad state,
+    return the only value in the log whose state is not bad. If there is no such database,
+    return the most frequent value, if at least MIN_VALID_SHARE of the rows, but not all,
+    have it."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
@@ -388,8 +403,9 @@ def _count_modulo(c: Channel) -> int:
 def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     """Find the signal with the fine part of a coarsely sent value; add it to the guess.
 
-    The roughness of the sum of both must be below MAX_FILLED times that of the coarse
-    value."""
+    `mine`: the coarse signal. `beside`: the other signals of its message. The roughness
+    (see MAX_FILLED) of coarse value + fine part must be below MAX_FILLED times the
+    roughness of the coarse value alone."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):

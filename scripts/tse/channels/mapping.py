@@ -18,8 +18,9 @@ from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # modulo of a message counter if it is neither stated nor found: 4 bits
-# [1] max share of values that a flag marks as invalid, or of entries in which a counter
-# does not count. Above it, the flag or counter is rejected as misinterpreted
+# [1] If a flag marks a larger share than this of the values as invalid, or if a counter
+# does not change in a larger share of the entries, the flag or counter is rejected: it
+# was probably misinterpreted.
 MAX_LOST = 0.5
 
 
@@ -28,24 +29,25 @@ class Series:
     """A channel of the library, or one wheel of an axle, with its own times."""
 
     channel: str
-    time: np.ndarray  # s
+    time: np.ndarray  # [s]
     value: np.ndarray  # SI units; NaN: missing
-    latency: float = 0.0  # s; already subtracted from `time`
-    hold: bool = False  # sent only if the value changes: hold the last value between entries
+    latency: float = 0.0  # [s] delay of the measurement; already subtracted from `time`
+    hold: bool = False  # True: sent only if the value changes, so the last value is held
 
 
 @dataclass
 class Clocks:
-    """Corrected times of a recording. Channels with the same times share the result."""
+    """Corrected times of a recording. Channels with the same logged times share an array
+    of corrected times."""
 
     notes: list[str] = field(default_factory=list)
     # id of the logged times -> logged times, corrected times, mask of the kept entries
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
-    # (id of times, latency) -> times less latency
+    # (id of times, latency [s]) -> times - latency
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times of a channel, corrected to increase, and its values."""
+        """Return the times of a channel, corrected to increase, and the kept values."""
         if id(channel.time) not in self._done:
             time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -55,7 +57,7 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """Return `time` less the latency. Equal arguments return the same array."""
+        """Return `time` - `latency`. The same arguments return the same array."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
@@ -66,9 +68,9 @@ class Clocks:
 def map_signals(
     recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], max_lost: float = MAX_LOST
 ) -> dict[str, Series]:
-    """Return all channels that signals.toml assigns: channel -> its series.
+    """Return all channels that signals.toml assigns: name of the channel -> its series.
 
-    If an axle has two signals, the keys are its left and its right wheel.
+    If an axle has two signals, it has two keys, the names of its left and right wheel.
 
     Parameters
     ----------
@@ -121,9 +123,10 @@ def _map_part(
     notes: list[str],
     max_lost: float,
 ) -> Series:
-    """Return one channel, or one wheel of an axle, from the signal `name`.
+    """Make one channel, or one wheel of an axle, from the signal `name`.
 
-    `part`: name of the channel or wheel."""
+    `part`: name of the channel or wheel that is returned. `signal`: table of the channel
+    in signals.toml. `max_lost`: as in map_signals()."""
     source = (
         f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     )
@@ -193,7 +196,8 @@ def _find_factor(
 def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> np.ndarray:
     """Interpolate the steering ratio in the table signal.ratio.
 
-    `value`: angles, rad. `per`: rad per unit of the angles in the table."""
+    `value`: [rad] angles of the steering wheel. `per`: factor from the unit of the angles
+    in the table to rad."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 

@@ -2,8 +2,8 @@
 
 With speed v and yaw rate r: a_y = v r; a_x = dv/dt; right - left wheel speed of an axle =
 track x r; steering angle = steering ratio x wheelbase x r/v, plus understeer. These
-relations identify signals regardless of their names. All arrays are (rows,) on one raster
-of COMPARISON_RATE. NaN: missing.
+relations identify signals regardless of their names. All arrays are (rows,), sampled at
+the same times at COMPARISON_RATE. NaN: missing.
 """
 
 from collections.abc import Sequence
@@ -85,15 +85,17 @@ class Steering:
     share: float  # [1] share of the variance of the angle that the model explains
 
 
-# [s2/m2] mean and sd of 1/(characteristic speed)^2; passenger cars have 18 .. 35 m/s
+# [s2/m2] mean and sd of the understeer, 1/(characteristic speed)^2. The characteristic
+# speed of passenger cars is 18 .. 35 m/s.
 UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012
 
 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
-    """Fit the model of the steering angle to speed v, m/s, and yaw rate r, rad/s.
+    """Fit the model of the steering angle to a log.
 
-    The understeer has the prior of passenger cars, since it is not observable in a log at
-    constant speed.
+    The understeer has the prior UNDERSTEER of passenger cars, since it is not observable
+    in a log at constant speed. `angle`: steering angle in any unit. `v`: [m/s] speed.
+    `r`: [rad/s] yaw rate.
 
     Returns
     -------
@@ -108,8 +110,8 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
     independent = max(len(y) / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
-    # Regress y on c + k (c v2) for every understeer k of the grid at once. Only the
-    # covariances of c, c v2 and y are needed.
+    # Regress the angle y on c + k (c v2) for every understeer k of a grid at once (c:
+    # curvature, v2: square of the speed). Only covariances of c, c v2 and y are needed.
     parts = np.array([c, c * v2])
     middle = parts.mean(axis=1)
     parts = parts - middle[:, None]
@@ -130,10 +132,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    # Noise of the curvature biases the slope towards 0. The true slope is between that of
-    # this regression and that of the inverse regression, slope / share. Their geometric
-    # mean is returned, as in fit(). The sd includes that of a uniform distribution
-    # between both slopes.
+    # Noise of the curvature biases the slope of this regression towards 0. The slope of
+    # the inverse regression is slope / share. The true slope is between both, and their
+    # geometric mean is returned, as in fit(). The sd includes the sd of a uniform
+    # distribution of ln(slope) between both slopes.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
@@ -144,10 +146,11 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
 def find_lag(
     x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()
 ) -> tuple[float, float]:
-    """Return the lag of y behind x, and its sd, s; (0, inf): it cannot be determined.
+    """Return the lag of y behind x, and the sd of the lag, both in s.
 
     The lag follows from a least-squares fit of y = a (x - lag x') + b more + c to the
-    rows `keep`. x': derivative of x. `more`: further regressors."""
+    rows `keep`. x': derivative of x. `more`: further regressors. (0, inf): the lag cannot
+    be determined."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)

@@ -41,7 +41,7 @@ def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
 
 
 def _describe_signal(c: Channel, used: str) -> Line:
-    """Return the Line of a signal. `used`: the channel for which it is proposed."""
+    """Return the Line of a signal. `used`: channel for which it is proposed; "": none."""
     there = np.isfinite(c.value)
     time, keep, _ = straighten_time(c.time)
     rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
@@ -52,7 +52,7 @@ def _describe_signal(c: Channel, used: str) -> Line:
 
 
 def format_headline(g: Guess) -> str:
-    """Return a guess as one line of text."""
+    """Return a guess as a string of one line."""
     more = (
         [f"{g.unit} ({g.unit_from})"]
         + (["sign -1"] if g.sign < 0 else [])
@@ -145,10 +145,11 @@ def _make_relative(path: Path, folder: Path) -> str:
 
 # ---- The proposal.
 #
-# The score of a signal for a role is the sum of three scores: of its name
-# (vocabulary.py), of its unit, and of its agreement with the other channels (physics.py).
-# This agreement is computed in ROLE_PASSES passes. Each pass compares the signals with
-# those that the pass before has chosen.
+# A role is a quantity that a signal may measure. The score of a signal for a role is the
+# sum of three scores: of its name (vocabulary.py), of its unit, and of its agreement with
+# the other channels (physics.py). Since the other channels are not known either, the
+# agreement is computed in ROLE_PASSES passes. Each pass compares the signals with the
+# signals that the pass before has chosen.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3

@@ -21,9 +21,9 @@ from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 # rate. Faster signals of a bus mostly repeat their values.
 MAX_DEFAULT_RATE = 100.0
 MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
-# A step between entries is a gap if it exceeds GAP_STEPS median steps of the channel.
-# This limit is at least MIN_GAP [s]. It is at most MAX_GAP [s], or 2.5 median steps if
-# these are longer.
+# A step between entries is a gap if it exceeds a limit. The limit is GAP_STEPS median
+# steps of the channel, but at least MIN_GAP [s], and at most the larger of MAX_GAP [s]
+# and 2.5 median steps.
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
@@ -31,11 +31,11 @@ BURST_STEP = 0.25
 EVEN_STEP = 0.01
 PASS_BAND = 0.45  # [1] cut-off frequency of the low pass / rate of the rows
 PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
-# [1] If the rate of a low-passed channel exceeds this times the rate of the rows, a cubic
-# through four entries is used instead of the spline.
+# [1] If rate of a low-passed channel / rate of the rows exceeds this, the channel is
+# interpolated by a cubic through four entries instead of a spline.
 DENSE_RATIO = 4.0
-# [1] A column of a table that has values in a smaller share of the rows may have been
-# sampled at a lower rate than the rows. It is checked for this.
+# [1] If a column of a table has values in a smaller share of the rows than this, it may
+# have been sampled at a lower rate than the rows. It is checked for this.
 MIN_FILLED = 0.8
 # [entries] A value of a cubic spline depends only on the entries within this distance:
 # their influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
@@ -46,12 +46,12 @@ SPLINE_REACH = 600
 class RasterRows:
     """Channels resampled to common rows."""
 
-    time: np.ndarray  # s
+    time: np.ndarray  # [s]
     value: dict[str, np.ndarray]  # channel -> values, (rows,); NaN: missing
-    rate: float  # rate of the rows, Hz
+    rate: float  # [Hz] rate of the rows
     notes: list[str] = field(default_factory=list)
-    # channel that is slower than the rows -> (times [s] of its entries, their values,
-    # their rate [Hz])
+    # Original entries of the channels that are slower than the rows. Key: channel. Value:
+    # (times [s] of its entries, their values, their rate [Hz]).
     native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
 
@@ -91,9 +91,9 @@ def resample_channels(
     found : mapping of str to Series
         The channels.
     rate : float or None
-        Rate of the rows, Hz. None: if the channels are columns of a table with the same
-        times and few missing values, its rows are kept. Otherwise, the rate is that of
-        the fastest channel, at most MAX_DEFAULT_RATE.
+        [Hz] Rate of the rows. None: it is chosen here. If the channels are columns of a
+        table with the same times and few missing values, the rows of the table are kept.
+        Otherwise, the rate is that of the fastest channel, at most MAX_DEFAULT_RATE.
     path : Path, optional
         The file, for messages. None: the number of rows is not limited.
 
@@ -135,7 +135,7 @@ def resample_channels(
 
 
 def is_core(name: str) -> bool:
-    """Return whether a channel is an input of the model or measures its output."""
+    """Return whether a channel is an input of the model, or measures an output of it."""
     return _find_axle(name) in (*DRIVES, *MEASURES)
 
 
@@ -222,8 +222,8 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
 def _interpolate_cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Interpolate at each time by the cubic through the four nearest entries.
 
-    The entries (t, x) are equidistant. If they are dense (DENSE_RATIO), the result is as
-    accurate as that of a spline."""
+    The entries (t, x) are equidistant. If their rate is much higher than that of the rows
+    (DENSE_RATIO), the result is as accurate as that of a spline."""
     s = (at - t[0]) * ((len(t) - 1) / (t[-1] - t[0]))
     i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
     s -= i
@@ -238,8 +238,8 @@ def _filter_low_pass(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return equidistant times with the step of the entries, and the low-passed signal.
 
-    The cut-off is PASS_BAND times the `rate` of the rows [Hz]. The kernel is symmetric
-    and causes no delay. `usual`: median step of the entries [s]."""
+    `rate`: [Hz] rate of the rows. The cut-off frequency is PASS_BAND x `rate`. The kernel
+    is symmetric and causes no delay. `usual`: [s] median step of the entries."""
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
     value = x if n == len(t) and np.max(np.abs(t - even)) < EVEN_STEP * usual else np.interp(even, t, x)
@@ -252,7 +252,7 @@ def _filter_low_pass(
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, CHUNK_ROWS):
         part = longer[begin : begin + CHUNK_ROWS + 2 * half]
-        # drop the first 2 * half values: the FFT wraps around
+        # drop the first 2 * half values, which are wrong, since the FFT wraps around
         size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
@@ -293,8 +293,8 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows |
     """Return the rows of a table as they are; None: its columns must be resampled.
 
     The rows are kept if all columns have the same times, no latency, no held values and
-    few missing values, and if their rate is `rate`. If `rate` is None, any rate up to 1.5
-    MAX_DEFAULT_RATE is accepted."""
+    few missing values, and if the rate of the rows is `rate` [Hz]. If `rate` is None, any
+    rate up to 1.5 x MAX_DEFAULT_RATE is accepted."""
     first = next(iter(found.values()), None)
     if first is None or len(first.time) < 2 or any(s.hold or s.latency for s in found.values()):
         return None
@@ -324,10 +324,11 @@ def _make_times(
     """Return the times of the rows, s.
 
     The rows cover the interval in which all inputs of the model are present. If there is
-    no such interval, they cover that in which any channel is present. They are in phase
-    with the yaw rate if it has the rate of the rows, otherwise with a different channel
-    of this rate. `own`: channel -> its times [s] and values. `core`: channels for which
-    is_core() is True."""
+    no such interval, they cover the interval in which any channel is present. If the yaw
+    rate has the rate of the rows, the rows have its phase, so that it need not be
+    interpolated. If not, they have the phase of a different channel with this rate.
+    `own`: channel -> its times [s] and values. `rates`: channel -> its rate [Hz]. `core`:
+    channels for which is_core() is True."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
@@ -345,12 +346,15 @@ def _make_times(
 def start_on_beat(
     times: Mapping[str, np.ndarray], rates: Mapping[str, float], rate: float, first: float
 ) -> float:
-    """Return the time of the first row, s, in phase with a channel of the same rate.
+    """Return the time of the first row, s.
+
+    If a channel has the rate of the rows, the row is a whole number of steps away from an
+    entry of this channel. If no channel has this rate, it is at the time `first`.
 
     Parameters
     ----------
     times : mapping of str to ndarray, (entries,)
-        Times, s, of the channels for which is_core() is True.
+        [s] Times of the channels for which is_core() is True.
     rates : mapping of str to float
         Rates of these channels, Hz.
     rate : float

@@ -1,8 +1,9 @@
 """Find the units of all channels together.
 
-Every combination of possible units has a cost: its deviation from the kinematic
-relations, and from the units that log and names state. The combination of min cost is
-returned.
+Every combination of possible units has a cost. It measures how far the signals in these
+units deviate from the kinematic relations, and whether the units contradict those that
+the log or the names state. The combination of min cost is returned. A role is a quantity
+that a signal may measure.
 """
 
 import re
@@ -33,13 +34,15 @@ UNIT_OPTIONS = {
 # [m] wheel radius of passenger cars, and [1] sd of its logarithm, used if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
-# Costs of units, added to the costs of the kinematic relations: (deviation / sd)^2
+# Costs of units. They are added to the costs of the kinematic relations, each of which is
+# (deviation / sd)^2.
 LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
-OTHER_UNIT_COST = 0.5  # cost of any but the first of UNIT_OPTIONS, if log and name state no unit
-MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, apart from FAR_COST
-# MAX_EQUATION_COST rises by this for each sd of the deviation. If all combinations of
-# units are implausible, the nearest one thus still has the lowest cost.
+# Cost of a unit, if log and name state none. The first unit of UNIT_OPTIONS has no cost.
+OTHER_UNIT_COST = 0.5
+MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
+# This is added to MAX_EQUATION_COST for each sd of the deviation. If all combinations of
+# units are implausible, the one with the smallest deviations thus has the lowest cost.
 FAR_COST = 0.1
 MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
 # [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars. wheel: wheel speed x radius.
@@ -51,9 +54,10 @@ class UnitScale:
     """Units of all channels, and the kinematic ratios that were used to find them."""
 
     unit: dict[str, str]  # role (wheel, yaw_rate, accel_y, accel_x) -> unit
-    per: dict[str, float]  # role -> factor from this unit to SI; for wheel to m/s
-    # Name -> ratio in these units. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt).
-    # "track": (right - left wheel speed) / yaw rate, m. "speed": logged ground speed / v.
+    per: dict[str, float]  # role -> factor from this unit to SI; role wheel: to m/s
+    # Name -> ratio of signals in SI units. "accel_y": a_y / (v r). "accel_x": a_x /
+    # (dv/dt). "track": [m] (right - left wheel speed) / yaw rate. "speed": logged ground
+    # speed / v.
     figures: dict[str, float]
 
 
@@ -67,7 +71,9 @@ def find_units(
 ) -> UnitScale:
     """Return the combination of units that agrees best with physics, log and names.
 
-    If it contradicts a unit in the log, a warning is appended to `warnings`."""
+    `wheels`: place of each wheel -> name of its signal. `chosen`: role of each other
+    channel -> name of its signal. If the result contradicts a unit in the log, a warning
+    is appended to `warnings`."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
     if is_car_speed(wheels):
@@ -133,10 +139,11 @@ def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[
 
 
 def is_same_unit(a: str, b: str, role: str) -> bool:
-    """Return whether two units of a role are the same, maybe with different spellings."""
+    """Return whether two units of a role are the same, also if spelt differently."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
-    # rad/s and m/s of a wheel have the same factor here (radius 1 m), but different kinds
+    # For a wheel, rad/s and m/s have the same factor here, since the radius is 1 m. They
+    # are distinguished by their kind.
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
@@ -152,9 +159,10 @@ def measure_slopes(
 ) -> dict[str, float]:
     """Fit the kinematic relations to the signals as logged.
 
-    Return a dict with slopes ("accel_y": a_y / (v r), ..., as in UnitScale.figures) and
-    their correlations ("accel_y_corr", ...). A slope with a low correlation is left out.
-    "top": 99 % quantile of |v|. `v`: speed in any unit."""
+    Return a dict. "accel_y", ...: fitted ratios a_y / (v r), ..., as in
+    UnitScale.figures, but in the units of the log. A ratio with a low correlation is left
+    out. "accel_y_corr", ...: their correlations. "top": 99 % quantile of |v|. `v`: speed
+    in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -189,8 +197,9 @@ def measure_slopes(
 def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     """Return the correlation of the yaw rate with the rate of the GNSS course.
 
-    The course is clockwise from north, so its sign is changed. Result > 0: the yaw rate
-    is positive to the left. < 0: to the right. 0: there is no course."""
+    The course is clockwise from north, so its sign is changed. If the result is positive,
+    the logged yaw rate is positive to the left. If it is negative, the yaw rate is
+    positive to the right. 0: there is no course."""
     named = [
         n
         for n in look.raw
@@ -215,7 +224,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return a speed over ground that is independent of the wheels, m/s; None: none.
 
-    A GNSS speed is preferred. Without any speed in the log, positions are used."""
+    A GNSS speed is preferred. If the log has no speed, it is computed from positions."""
     named = [
         n
         for n in look.x
@@ -242,7 +251,9 @@ def _compute_cost(
 ) -> tuple[float, dict[str, float]]:
     """Return the cost of a combination of units, and the ratios of UnitScale.figures.
 
-    The cost is the deviation from the kinematic relations, in squared sd."""
+    The cost is the sum of (deviation / sd)^2 over the kinematic relations, each limited
+    by MAX_EQUATION_COST. `facts`: result of measure_slopes(). `unit`, `per`: as in
+    UnitScale."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

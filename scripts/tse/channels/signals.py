@@ -15,7 +15,8 @@ from tse.readers.recording import ReadOptions
 
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of the rate of the rows
 MAX_SIGNAL_LATENCY = 1.0  # [s] max latency of a signal
-# [s] max difference of clocks: some count from 1970, some from the start of the log
+# [s] max difference between two clocks. It is large, since some clocks count from 1970,
+# others from the start of the log.
 MAX_CLOCK = 4e9
 LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 SIGNAL_KEYS = (
@@ -26,7 +27,7 @@ NUMBER_RANGES = {  # key -> min, max, unit
     "scale": (-1e9, 1e9, ""),  # factor that is applied in addition to that of the unit
     "offset": (-1e6, 1e6, ""),  # subtracted from the signal, in its unit
     "radius": (0.05, 5.0, "m"),  # radius of the wheel, to convert a speed to rad/s
-    # pressure above which the car brakes, in the unit of the signal
+    # channel brake: value in the unit of the signal above which the car brakes
     "above": (-1e6, 1e6, ""),
     # delay from a measurement to its time in the log
     "latency": (-MAX_SIGNAL_LATENCY, MAX_SIGNAL_LATENCY, "s"),
@@ -63,8 +64,9 @@ class SignalSource:
     sign_bit: str | None = None  # name of a signal that is 1 if the value is negative
     scale: float = 1.0
     offset: float = 0.0
-    # ratio of the angle of the steering wheel to that of the road wheels: a number, or a
-    # table of (angle of the steering wheel in the unit of the signal, ratio)
+    # Steering ratio: angle of the steering wheel / angle of the road wheels. It is a
+    # number or, if it depends on the angle, a table. Rows of the table: (angle of the
+    # steering wheel in the unit of the signal, ratio).
     ratio: float | tuple[tuple[float, float], ...] | None = None
     radius: float | None = None  # [m] radius of the wheel; None: that of the car
     latency: float = 0.0  # [s] as in NUMBER_RANGES
@@ -72,11 +74,12 @@ class SignalSource:
     valid: Flag | None = None
     counter: Counter | None = None
     hold: bool = False  # True: sent only if it changes, so each value is held until the next one
-    # threshold in the unit of the signal: the channel is 1 above it, otherwise 0
+    # Threshold in the unit of the signal. The channel is 1 if the signal exceeds the
+    # threshold, otherwise 0. None: no threshold.
     above: float | None = None
-    # name of the signal with the fine part of the value, in the same unit
+    # name of a signal that is added: the fine part of a coarse value, in the same unit
     add: str | None = None
-    # properties that were guessed, not tested. Every run warns of them
+    # properties that were guessed but not tested, in words; every run warns of them
     unsure: str = ""
 
 
@@ -90,10 +93,9 @@ class SignalsFile:
     rate: float | None = None  # [Hz] rate of the rows; None: chosen from the rates of the channels
 
     def wants(self, name: str) -> bool:
-        """Return whether a signal is needed by a channel.
+        """Return whether a channel needs the signal `name`.
 
-        `name`: name of the signal, with or without its message. Names in the file may
-        also lack the message."""
+        Both `name` and the names in signals.toml may be with or without the message."""
         names = {
             n
             for s in self.signals.values()
@@ -117,7 +119,8 @@ def find_signals(
     file : Path or None
         Path of signals.toml. None: that next to the log, if there is one.
     databases : sequence of Path
-        Databases of the bus. They take precedence over those in [log].
+        Databases of the bus. They take precedence over those in the table [log] of
+        signals.toml.
     """
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
@@ -198,7 +201,8 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
-    """Raise an error if an axle and its wheels are assigned, or only one of its wheels.
+    """Raise an error if signals are assigned both to an axle and to its wheels, or only
+    to one of the two wheels.
 
     `found`: channel -> its source. `refuse`: function (table, key, message) that makes
     the error."""
@@ -349,7 +353,7 @@ def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> st
 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
-    """Check the key `ratio`; return the steering ratio, or its table by angle."""
+    """Check the key `ratio`; return the steering ratio, or a table of (angle, ratio)."""
     if not isinstance(value, list):
         return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
@@ -425,7 +429,9 @@ def _list_units(channel: str) -> str:
 
 
 def _find_line(text: str, table: str, key: str) -> str:
-    """Return the line of a key as the start of a message: "line 3, "; "": not found."""
+    """Return the line of a key as the start of a message, e.g. "line 3, ".
+
+    Return "" if the key is not found."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)

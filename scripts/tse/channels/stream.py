@@ -38,20 +38,22 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-# For each signal, the entries of the last KEPT_TIME [s] are kept, and at least MIN_KEPT
-# entries. They suffice for the spline, and to find repeated counters and held values.
+# For each signal, the entries of the last KEPT_TIME [s] are kept, but at least the last
+# MIN_KEPT entries. These suffice for the spline, and to find repeated counters and held
+# values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
 # [s] time after the first needed frame at which the rates of the channels are determined
 LISTEN_TIME = 1.0
-MAX_LISTEN_TIME = 3.0  # [s] the same, if a needed channel has not arrived until LISTEN_TIME
+# [s] the same, if a needed channel has not yet arrived at LISTEN_TIME
+MAX_LISTEN_TIME = 3.0
 # A row waits for a channel for at most WAIT_STEPS median steps of this channel, plus
 # WAIT_TIME [s].
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
-# A channel is silent, and rows do not wait for it, if it has had no entry for
-# SILENT_STEPS of its median steps, and for MIN_SILENCE [s].
+# A channel is silent if its last entry is older than SILENT_STEPS of its median steps and
+# older than MIN_SILENCE [s]. Rows do not wait for a silent channel.
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# [entries] The spline uses this many of the last entries of a channel. Earlier entries
-# would have a weight below 0.27 ** 48, which is negligible.
+# [entries] The spline uses only this many of the last entries of a channel. The weight of
+# earlier entries would be below 0.27 ** 48, which is negligible.
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determined anew
 # [1] A channel is low-passed if its rate exceeds this times the rate of the rows.
@@ -82,11 +84,11 @@ class _Signal:
 class _Heard:
     """The channels received so far."""
 
-    now: float  # time of the bus, s
+    now: float  # [s] time of the bus
     found: dict[str, Series]  # channel -> its entries
     # channel -> times and values of its entries, without held values
     own: dict[str, tuple[np.ndarray, np.ndarray]]
-    rates: dict[str, float]  # channel -> rate of its entries, Hz
+    rates: dict[str, float]  # channel -> [Hz] rate of its entries
     core: list[str]  # channels for which is_core() is True
 
 
@@ -102,7 +104,7 @@ class Stream:
     car : Vehicle
         Car, with the radii of the wheels.
     rate : float, optional
-        Rate of the rows, Hz. None: that of the fastest channel, at most 100.
+        [Hz] Rate of the rows. None: that of the fastest channel, at most 100 Hz.
 
     Raises
     ------
@@ -127,22 +129,23 @@ class Stream:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
         self._resolve_names(databases)
-        # identifier that is in no database -> number of its frames
+        # identifier of frames that are in no database -> number of such frames so far
         self.unknown: dict[int, int] = {}
         self.known = 0  # number of frames whose messages are in the databases
         self._shift = 0.0  # [s] sum of the backward steps of the clock, added to all times
         self._last = -math.inf  # [s] time of the last frame
         self._first = math.nan  # [s] time of the first frame with a needed signal
         self._sent = 0  # number of rows returned
-        self._start = math.nan  # time of the first row, s
-        # axle -> sums of (right - left wheel speed) x yaw rate, and of yaw rate squared
+        self._start = math.nan  # [s] time of the first row
+        # axle -> two sums over all rows: of (right - left wheel speed) x yaw rate, and of
+        # the square of the yaw rate
         self._turns: dict[str, list[float]] = {}
-        # velocity channel -> time of its last entry that is in a row, s
+        # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
-        # channel -> (rate [Hz]; True: no held values), as found in the last check
+        # channel -> (rate [Hz], True if it has no held values), found in the last check
         self._usual: dict[str, tuple[float, bool]] = {}
-        self._looked = -math.inf  # time of the last check of rates and held values, s
-        self.last: dict[str, float] = {}  # channel -> time of its last value, s
+        self._looked = -math.inf  # [s] time of the last check of rates and held values
+        self.last: dict[str, float] = {}  # channel -> [s] time of its last value
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
         """Complete signal names to MESSAGE.SIGNAL; check that no channel is missing."""
@@ -188,7 +191,7 @@ class Stream:
         )
         names = [have & {axle, *pair} for axle, pair in SIDES.items()]
         sources = [{n for c in x for n in self._all.signals[c].name} for x in names]
-        # True: both axles have the same signal, so slip is unknown
+        # True: both axles have their wheel speed from the same signal, so slip is unknown
         self.one_speed = self._stand_in is not None or sources[0] == sources[1]
         if self._stand_in:
             self.notes.append(
@@ -244,7 +247,9 @@ class Stream:
         return said
 
     def _decode_frames(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
-        """Decode frames of one message, and append their values to its signals `kept`."""
+        """Decode frames of one message, and append the values to its signals `kept`.
+
+        `times`: [s] times of the frames. `data`: their bytes."""
         of = {k.signal.name: k for k in kept}
         for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
@@ -285,12 +290,12 @@ class Stream:
         return found
 
     def make_rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the rows that are complete at the time `now` of the bus, s.
+        """Return the rows that are complete at the time `now` [s] of the bus.
 
         Returns
         -------
         ndarray, (rows,)
-            Times, s.
+            [s] Times.
         dict of str to ndarray, (rows,)
             Values by channel. NaN: missing.
         """
@@ -330,7 +335,7 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        # id of an array of times -> channels with these times
+        # id of an array of times -> channels whose entries have these times
         even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
@@ -355,7 +360,7 @@ class Stream:
         """Return times and values of the new entries, as raster.select_entries() does.
 
         To save time, held values are searched for only if `anew` is True, or if the last
-        search found some in this channel."""
+        search found held values in this channel."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -391,7 +396,7 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        # the time stamps of the computer jitter, but their mean rate is correct
+        # Use mean rates: the single time stamps, which the computer adds, jitter.
         if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
@@ -402,8 +407,8 @@ class Stream:
     def _may_have_rows(self, now: float) -> bool:
         """Return whether the next row may be complete. False: it waits for a channel.
 
-        This is a fast check before the full one in make_rows(), since most frames
-        complete no row."""
+        Most frames complete no row. This check is faster than the full check in
+        make_rows(), and is done before it."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -426,8 +431,8 @@ class Stream:
     def _find_row_limit(self, heard: _Heard) -> float:
         """Return the time up to which rows are complete, s.
 
-        A row is complete if every channel has a later entry, is silent, or has been
-        waited for long enough (WAIT_STEPS, WAIT_TIME)."""
+        A row is complete if each channel has an entry after the row, or is silent, or has
+        been waited for as long as WAIT_STEPS and WAIT_TIME allow."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
@@ -483,8 +488,9 @@ class Stream:
     def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
         """Return the mean wheel speed of an axle.
 
-        If one wheel is missing, its speed is computed from the other wheel and the yaw
-        rate. The factor (right - left speed) / yaw rate is fitted to all rows so far."""
+        If the speed of one wheel is missing, it is computed from the speed of the other
+        wheel and the yaw rate, with the factor (right - left speed) / yaw rate. This
+        factor is fitted to all rows so far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
         turn[0] += float(np.sum((right - left)[both] * yaw[both]))

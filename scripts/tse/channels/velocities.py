@@ -22,10 +22,11 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# [sd] The sign of a lateral velocity is found by a regression of accel_y - v r on the
-# derivative of this velocity. The coefficient must exceed this many of its sd.
+# The sign of a lateral velocity is found by a regression of accel_y - v r on the
+# derivative of this velocity. The sign is certain if |coefficient| / sd exceeds this.
 MIN_SIGN_SDS = 6.0
-MAX_ACROSS = 0.35  # [1] max of |lateral velocity| / speed, exceeded in at most 2 % of the rows
+# [1] |lateral velocity| / speed may exceed this in at most 2 % of the rows.
+MAX_ACROSS = 0.35
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -45,8 +46,9 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     Returns
     -------
     list of Guess
-        A longitudinal velocity must be about equal to the speed of the wheels. The sign
-        of a lateral velocity must follow from accel_y - v r or from the format.
+        Guesses of the velocities that were found. A longitudinal velocity is only
+        accepted if it is about equal to the speed of the wheels, and a lateral velocity
+        only if its sign follows from accel_y - v r or from the format.
     """
     taken = {n for g in guesses for n in g.name}
     found: list[Guess] = []
@@ -78,8 +80,8 @@ def _guess_velocity(
 ) -> Guess | None:
     """Return the guess that a signal is a velocity; None: it is not.
 
-    It is rejected if it contradicts the speed `v`, or if the sign of a lateral velocity
-    is unknown. `vbox`: the log is a VBOX file."""
+    The signal is rejected if it contradicts the speed `v` [m/s] of the wheels, or if it
+    is a lateral velocity of unknown sign. `vbox`: True: the log is a VBOX file."""
     unit = look.find_unit(name)
     x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
@@ -119,9 +121,9 @@ def _find_sign(
 ) -> float:
     """Return coefficient / sd of a regression of accel_y - v r on the derivative of x.
 
-    x: lateral velocity, m/s. Result > 0: x is positive to the left. < 0: to the right. 0:
-    unknown. A second regressor, accel_y, accounts for gravity that the accelerometer
-    measures because of body roll."""
+    `x`: [m/s] lateral velocity. If the result is positive, x is positive to the left. If
+    it is negative, x is positive to the right. 0: unknown. The regression has a second
+    regressor, accel_y, since body roll adds a part of gravity to the measured accel_y."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

@@ -1,9 +1,10 @@
 """Score how well the name of a signal describes a role.
 
 A role is a quantity that a signal may measure. The words are those of manufacturers, ISO
-8855, openpilot and ROS, in English, German, French, Spanish and Italian. Score 3: the
-words are exact, 2: likely, 1: possible, 0: there are none. Below 0: the name is similar,
-but that of a different quantity.
+8855, openpilot and ROS, in English, German, French, Spanish and Italian. The score is 3
+if the words describe exactly the role, 2 if they probably do, 1 if they possibly do, and
+0 if the name has no word of the role. It is below 0 if the name has a word of the role,
+but also a word for a different quantity.
 """
 
 import functools
@@ -12,8 +13,8 @@ import re
 from tse.readers.recording import last_part
 from tse.readers.table import split_words
 
-# For each role: patterns, each with its score. They are matched with the words of a name,
-# joined by blanks. The best score counts.
+# Role -> patterns, each with its score. The words of a name are joined by blanks and
+# compared with each pattern. The score of the name is that of its best matching pattern.
 ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
         (
@@ -91,8 +92,8 @@ ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
         (r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),
     ),
 }
-# For each role: words in similar names of different quantities. A name with such a word
-# loses 4 of its score.
+# Role -> words that show that a name describes a different quantity, although it also has
+# words of the role. If a name has such a word, 4 is subtracted from its score.
 NOT_ROLE_WORDS = {
     "yaw_rate": (
         r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|"
@@ -138,7 +139,7 @@ OTHER_WORDS = re.compile(
     r"wiper|door|fan|ignition|spark|camber|gradient|slope|azimuth)\b"
 )
 SPEED_WORDS = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
-# For each wheel and axle: pattern of its name, as a word or at the end of a word
+# Wheel or axle -> pattern of its name. The name may be a word, or the end of a word.
 PLACE_WORDS = {
     "front_left": (
         r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|"
@@ -183,8 +184,8 @@ def join_words(name: str) -> str:
 def score_name(role: str, name: str) -> float:
     """Return the score of a name for a role.
 
-    A match with the last part of the name counts in full. A match with the whole name,
-    including topic and message, counts 0.2 less."""
+    If a pattern matches the last part of the name, its full score counts. If it matches
+    only the whole name, which includes topic and message, its score is reduced by 0.2."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)
@@ -206,7 +207,9 @@ def is_another_thing(role: str, name: str) -> bool:
 
 @functools.lru_cache(maxsize=65536)
 def find_place(name: str) -> tuple[str, float]:
-    """Return the wheel or axle whose speed a name describes, and the score; "": none."""
+    """Return the wheel or axle whose speed a name describes, and the score of the name.
+
+    If it describes none, "" is returned instead of the wheel or axle."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     if NO_WHEEL_WORDS.search(end):
@@ -219,7 +222,8 @@ def find_place(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
-# patterns for names that join place and quantity in one word: FLwhlspd, LFspeed, whlflspd
+# Patterns for names that are one word, made of the place of a wheel and a quantity:
+# FLwhlspd, LFspeed, whlflspd. OF_A_WHEEL matches the quantity, CORNERS the place.
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",

@@ -34,10 +34,10 @@ MIN_WHEEL_RATE = 5.0
 def find_wheels(look: Look) -> dict[str, str]:
     """Return a dict with the signal of each wheel speed: place (front_left, ...) -> name.
 
-    If only axles have speeds, the places are "front" and "rear". Signals with similar
-    names, or in the same message, form a set. The score of a set depends on its
-    completeness, its names, and the correlation of its signals. The set with the highest
-    score is returned."""
+    If the log has speeds of axles instead of wheels, the places are "front" and "rear".
+    Signals with similar names, or in the same message, are grouped to sets. The score of
+    a set depends on its completeness, its names, and the correlation of its signals. The
+    set with the highest score is returned."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
         place, worth = find_place(name)
@@ -116,9 +116,9 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
     """Return a dict of four signals that may be wheel speeds: place -> name; {}: none.
 
-    The names do not state that they are wheel speeds. They have the same unit, differ by
-    a few percent, and get the places of WHEEL_PLACES in the order of the file.
-    find_sides() corrects this order."""
+    Their names do not state that they are wheel speeds. But they have the same unit, and
+    their values differ by a few percent only. The places in WHEEL_PLACES are assigned to
+    them in the order of the file. find_sides() corrects these places."""
     rolling = [
         n
         for n in look.x
@@ -165,16 +165,17 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return the signal of the car's speed as that of the rear axle: {"rear": name}.
+    """Return {"rear": name of the signal of the car's speed}; {}: there is none.
 
-    It replaces missing wheel speeds. When the log is read, the front axle gets the same
-    speed, so slip is unknown. {}: the log has no such signal."""
+    This speed replaces missing wheel speeds. It is assigned to the rear axle. When the
+    log is read, the front axle gets the same speed, so slip is unknown."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
 def is_car_speed(wheels: Mapping[str, str]) -> bool:
-    """Return whether find_speed() found `wheels`: the speed of the car, not of wheels."""
+    """Return whether `wheels` is a result of find_speed(), i.e. has the speed of the car
+    instead of the speeds of wheels."""
     return len(wheels) == 1
 
 
@@ -198,7 +199,7 @@ def is_sided(wheels: Mapping[str, str]) -> bool:
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return right minus left wheel speed of an axle: it is proportional to the yaw rate.
 
-    None: no axle has both wheels, or their names do not state the side."""
+    None: no axle has signals of both wheels, or their names do not state the side."""
     if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
@@ -224,10 +225,10 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # ---- Find the signals of the motion by name, unit and agreement with each other.
 
-# [1] role -> neutral correlation of a signal with other channels: a higher correlation
-# increases the score of the signal for this role, a lower one reduces it. For roles that
-# are not listed, it is 0.75. For accel_x, it is lower: dv/dt is noisy, and grade adds to
-# accel_x.
+# Role -> [1] neutral correlation of a signal with the channels that the kinematics relate
+# to it. A higher correlation increases the score of the signal for this role, a lower
+# correlation reduces it. The value is 0.75 for roles that are not listed. It is lower for
+# accel_x, since dv/dt is noisy, and since the grade of the road adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max magnitude of the score by physics, see _score_by_physics()
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
@@ -248,8 +249,8 @@ def find_roles(
         Speed in any unit. None: unknown.
     before : mapping of str to str
         Role -> name of its signal, as found in the pass before. For the score by physics,
-        each signal is compared with these. In the first pass, `before` is empty, and the
-        signals with the best names take their place.
+        each signal is compared with these signals. In the first pass, `before` is empty,
+        and signals are compared with those that have the best names.
 
     Returns
     -------
@@ -274,11 +275,11 @@ def find_roles(
     shown: dict[str, dict[str, float]] = {}
     turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
-    # The unit of the speed is not known yet, but the fit of the steering angle needs m/s:
-    # scale the speed so that its 98 % quantile is 25 m/s.
+    # The fit of the steering angle needs the speed in m/s, but the unit of the speed is
+    # not known yet. The speed is therefore scaled so that its 98 % quantile is 25 m/s.
     usual = None if v is None else v * (25.0 / top if top else 1.0)
     change = None if v is None else physics.differentiate(v)
-    # compute the score by physics only if it can raise the sum to MIN_NAME_SCORE
+    # compute the score by physics only if the sum of both scores can reach MIN_NAME_SCORE
     for role in MOTION_ROLES:
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
@@ -331,10 +332,10 @@ def _score_by_physics(
 ) -> float:
     """Return the score of a signal for a role by its correlation with other channels.
 
-    The score is in -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE. 0: there is no channel to
-    compare with. `v`: speed in any unit. `usual`: speed scaled to m/s. `change`:
-    derivative of v. `turn`: right minus left wheel speed. `ref`: role -> name of the
-    signal to compare with."""
+    The score is in -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE. It is 0 if there is no
+    channel to compare with. `v`: speed in any unit. `usual`: speed scaled to about m/s.
+    `change`: derivative of `v`. `turn`: right minus left wheel speed. `ref`: role -> name
+    of the signal to compare with."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -375,8 +376,10 @@ def _find_pair(
 ) -> dict[str, str]:
     """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y.
 
-    Used if no name describes yaw_rate, or none describes accel_y. If `ref` has the signal
-    of one of them, only the other one is searched for. {}: no pair fits well enough."""
+    This is used if no name describes yaw_rate, or if no name describes accel_y. If `ref`
+    has a signal for one of these roles, only the other role is searched for. `taken`:
+    names of signals that have other roles. `said`: role -> name of a signal -> score by
+    name and unit. {}: no pair fits well enough."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -385,8 +388,8 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # Reduce the score if r correlates better with a than v r does: the roles may be
-        # swapped, or both measure the same quantity.
+        # Reduce the score if the correlation of r with a is higher than that of v r with
+        # a. Then the roles may be swapped, or r and a may measure the same quantity.
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}
@@ -408,11 +411,11 @@ AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-# [m/s2] min difference between the mean dv/dt with brake off and with brake on. A signal
-# with a smaller difference is no brake.
+# [m/s2] min difference between the mean dv/dt with the brake off and that with the brake
+# on. If the difference is smaller, the signal is not a brake.
 MIN_BRAKING_LOSS = 0.7
-# [1] A brake pressure or pedal position means braking if it exceeds PEDAL_SHARE times the
-# PEDAL_QUANTILE quantile of its values.
+# [1] The car is taken to brake if the brake pressure or pedal position exceeds
+# PEDAL_SHARE x the PEDAL_QUANTILE quantile of its values.
 PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 
 

@@ -5,12 +5,14 @@ An entry is a row, a frame or a sample of a log, with its time."""
 import numpy as np
 
 DAY = 86400.0  # [s]
-# If times fall by at most MAX_LATE_TIME and exceed their old maximum again within half of
-# MAX_LATE_ROWS entries, the entries in between are late: they were delayed in a buffer.
-# Otherwise the clock was set back.
+# If a time is lower than the maximum of the times before it, there are two cases. If it
+# is lower by at most MAX_LATE_TIME, and if the times exceed the maximum again within half
+# of MAX_LATE_ROWS entries, the entry is late: it was delayed in a buffer. Otherwise, the
+# clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
-MAX_TIME_GAP = 3600.0  # [s] longest gap that the library allows; a longer jump is an error of the clock
+# [s] longest gap that the library allows; a longer jump is taken as an error of the clock
+MAX_TIME_GAP = 3600.0
 BRIDGED_GAP = 60.0  # [s] gap that replaces such a jump; longer than any transient of a car
 
 
@@ -36,11 +38,11 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     Notes
     -----
     - Entries without a time are dropped.
-    - If entries have the same time, the last one is kept. But if this concerns more than
-      20 % of the entries, the resolution of the clock is too coarse. Then all entries are
-      kept and spread evenly up to the next time.
-    - Late entries, i.e. a few entries after which the times continue above their old
-      maximum, are dropped.
+    - If entries have the same time, the last one is kept. But if more than 20 % of the
+      entries have the same time as the next entry, the resolution of the clock is too
+      coarse. Then all entries are kept, and entries with the same time are spread evenly
+      up to the next time.
+    - Late entries (see MAX_LATE_TIME) are dropped.
     - If times fall and continue from the lower value, the clock was set back or has
       overflowed. The first entry after the fall gets the highest time before it plus a
       median step, and all later times are shifted by the same amount.

@@ -2,20 +2,21 @@
 
 The sd of the noise of a channel, while the car moves, is the largest of these values:
 
-(a) The sd of the second differences, in which a slow signal cancels:
-    1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6), with the hold k.
+(a) An sd from second differences, in which a slow signal cancels:
+    1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6). k: the hold, explained below.
 (b) For a quantised channel: quantisation step / sqrt(12).
-(c) For an accelerometer: the sd of its misfit to the kinematics, accel_x - dv/dt or
-    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to it. The misfit is
+(c) For an accelerometer: an sd of its misfit to the kinematics, accel_x - dv/dt or
+    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to the misfit. It is
     averaged over 0.2 s, and its slow part (average over 2 s) is subtracted. The sd of the
-    result in the quieter windows of 2 s (quantile 0.3) is multiplied by the square root
-    of the number of rows in 0.2 s: white noise with this sd would give the same averages.
+    result is computed in each window of 2 s, and the quantile 0.3 of these sds represents
+    quiet driving. It is multiplied by the square root of the number of rows in 0.2 s:
+    white noise with this sd in each row would give the same averages over 0.2 s.
 (d) A lower limit, NOISE_FLOOR, which is 0 for wheel speeds.
 
-A slow sensor repeats each sample, or is interpolated linearly, over several rows. The
-number of these rows is the hold k. Together they carry the information of one sample, so
-(a) and (b) are multiplied by sqrt(k). For wheel speeds, (a) and (b) of the noisier axle
-are used for both.
+If a sensor is slower than the rows, each of its samples is repeated, or interpolated
+linearly, over several rows. The number of these rows is the hold k. Together, these k
+rows have the information of one sample, so (a) and (b) are multiplied by sqrt(k). For
+wheel speeds, (a) and (b) of the noisier axle are used for both axles.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
 drifting mounting cause. The initial sd of the bias is the size of this slow part. The sd
@@ -41,7 +42,7 @@ AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
 WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; its slow part is an average over this time
 SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
-NORMAL_QUIET = 0.3853  # QUIET_QUANTILE of the absolute value of a standard normal variable
+NORMAL_QUIET = 0.3853  # quantile at QUIET_QUANTILE of |x|, x: standard normal variable
 MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 
 
@@ -63,11 +64,11 @@ class Noise:
     hold: int  # number of rows with the same sample; 1: each row has a new one
     step: float  # quantisation step; 0: the channel is not quantised
     text: str  # how the sd was found
-    unraised: float = 0.0  # sd before the floor was applied
+    unraised: float = 0.0  # sd before it was raised to the lower limit NOISE_FLOOR
 
 
 def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
-    """Return the noise of the values x of one channel; None if there are too few.
+    """Return the noise of the values x of one channel; None: there are too few values.
 
     `moving` marks the rows in which the car moves. Only these rows are used, unless there
     are fewer than MIN_NOISE_ROWS of them."""
@@ -97,9 +98,9 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
 def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """Return the noise of a channel of a log; None if the log is too short.
 
-    If a channel was interpolated, its noise is estimated from the original entries. The
-    sd of a row is the sd of an entry times the square root of the number of rows per
-    entry, so that these rows together carry the information of one entry."""
+    If a channel was interpolated, its noise is estimated from its original entries. The
+    sd of an entry is then multiplied by the square root of the number of rows per entry.
+    With this sd, these rows together have the information of one entry."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
@@ -121,9 +122,10 @@ def _measure_scale(x: np.ndarray) -> float:
 def _find_hold(x: np.ndarray, scale: float) -> int:
     """Return the hold: the number of rows over which x is constant or on a straight line.
 
-    It follows from the share of first or second differences of x that are 0. Those below
-    0.001 `scale` count as 0. `scale` is the size of the variations of x. For a wheel
-    speed, which varies much but slowly, it is the sd of the changes from row to row."""
+    It follows from the share of the first or second differences of x that are 0.
+    Differences below 0.001 `scale` count as 0. `scale` is the size of the variations of
+    x. For a wheel speed, which varies much but slowly, `scale` is the sd of the changes
+    from row to row."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
@@ -131,7 +133,8 @@ def _find_hold(x: np.ndarray, scale: float) -> int:
 def _find_step(x: np.ndarray) -> float:
     """Return the quantisation step of x: the median distance between frequent values.
 
-    If less than half of the rows have a frequent value, x is not quantised: return 0."""
+    A value is frequent if at least 5 rows and 0.2 % of all rows have it. Return 0, i.e. x
+    is not quantised, if less than half of the rows have a frequent value."""
     values, counts = np.unique(np.round(x, 12), return_counts=True)
     common = values[counts >= max(5, 0.002 * len(x))]
     covered = counts[counts >= max(5, 0.002 * len(x))].sum() / len(x)
@@ -186,7 +189,8 @@ def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
 
 
 def _compute_quiet_sd(x: np.ndarray) -> float:
-    """Return the sd of a normal distribution that has the same QUIET_QUANTILE of |x|."""
+    """Return the sd of the normal distribution whose quantile of |x| at QUIET_QUANTILE is
+    that of the values x."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
@@ -196,10 +200,11 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
 
-    Repeated values are outdated, on average by half a hold. A slow signal changes at
-    distances that are multiples of one number of rows, `beat`. If the distances are not
-    such multiples, all rows are marked: then x is a quantised signal, whose values repeat
-    irregularly, and no value is outdated."""
+    A repeated value is an old measurement, on average by half the time between samples.
+    If x is slow, it has a new sample every `beat` rows, so the distances between its
+    changes are multiples of `beat`. If the distances are not such multiples, all rows are
+    marked: then x is a quantised signal, whose values repeat by chance, and each row is a
+    new sample."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

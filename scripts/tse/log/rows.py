@@ -24,8 +24,8 @@ MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
 # column of an axle -> columns of its two wheels, which a log may have instead
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}
 # Optional column of a log -> unit, lowest and highest value, description, hint for a
-# wrong unit. The estimator uses those columns that are in input.toml, too. vehicle_speed
-# only serves to check the units of other columns.
+# wrong unit. The estimator uses only the columns that input.toml also has. vehicle_speed
+# is only used to check the units of other columns.
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -76,33 +76,38 @@ MAX_BACK = 0.5  # share of rows whose time does not increase; above it the colum
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
-# Limit for the difference of the wheel speeds of an axle. If the yaw rate explains less
-# than this share of its mean square, noise dominates and does not permit to determine the
-# track width
+# [1] If the yaw rate explains less than this share of the mean square of the difference
+# between the two wheel speeds of an axle, the difference is mainly noise, and the track
+# width is not determined from it.
 MIN_TURN_SHARE = 0.5
-# rms of the part of accel_y that is not proportional to speed times yaw rate, relative to
-# the rms of accel_y. Below this limit, accel_y is not measured but was computed as speed
-# times yaw rate. For a measured accel_y the ratio is 0.04 even in a simulation without
-# noise
+# [1] limit of the ratio of two rms: that of the part of accel_y that is not proportional
+# to speed x yaw rate, and that of accel_y. If the ratio is lower, accel_y was not
+# measured but computed as speed x yaw rate. For a measured accel_y, the ratio is at least
+# 0.04, even in a simulation without noise.
 MAX_COMPUTED_MISFIT = 0.015
-# Criterion for zeros that stand for missing values: least number of runs of zeros; least
-# jump to zero, relative to the 95 % quantile of changes from row to row; least share of
-# the runs of zeros that begin and end with such a jump
+# A logger may write zeros for missing values. Zeros are taken as such if a channel has at
+# least MIN_ZERO_RUNS runs of zeros that begin and end with a jump, and if these are at
+# least the share MIN_ZERO_SHARE of all its runs of zeros. A change is a jump if it
+# exceeds ZERO_JUMP_STEPS times the 95 % quantile of the changes from row to row.
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
-# Criterion for a value that is a bus code for "not available": least ratio of its size to
-# that of the next largest value; least number of its rows; least number of other values
+# The value of the largest magnitude is taken as a bus code for "not available" if it
+# exceeds the next smaller magnitude by the factor MIN_CODE_RATIO, if at least
+# MIN_CODE_ROWS rows have it, and if the channel has at least MIN_OTHER_VALUES different
+# other values.
 MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
-MIN_STUCK_ROWS = 200  # least number of rows of a channel that is tested for being stuck or computed
+# A channel with fewer rows is not tested for being stuck or computed.
+MIN_STUCK_ROWS = 200
 MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row of the witness is used
-# A measurement; its witness, a channel that changes with it; and the range of the witness
-# (from its 5 % to its 95 % quantile) above which a constant measurement is stuck
+# A measurement is stuck if it is constant although its witness changes. The witness is a
+# channel that changes whenever the measurement should change. Columns: measurement;
+# witness; limit that the range of the witness (5 % to 95 % quantile) must exceed.
 WITNESSES = (
     ("accel_x", "wheel_speed_rear", 5.0),  # [rad/s] 1.5 m/s of speed
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# In average(): if at least this share of the values of a block is missing, the mean of
-# the block is NaN. A block with at most this share of the usual number of rows is dropped
+# [1] In average(), the mean of a block is NaN if at least this share of its values is
+# missing. A block is dropped if it has at most this share of the usual number of rows.
 MAX_MISSING = 0.5
 
 
@@ -136,8 +141,8 @@ class SlowChannel:
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
     """Write the finite values of `columns` to the optional channels of library rows.
 
-    Also set the bits of these channels in rows["given"]. A course is wrapped to
-    -pi .. pi rad."""
+    In each row, the bits in rows["given"] state which optional channels have a value. The
+    function also sets these bits. A course is wrapped to -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -163,15 +168,15 @@ class CheckedLog:
     averaged: int = 1  # median number of rows of the file that one row averages
     extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # optional columns
     place: str = "line"  # what `line` counts, for messages: lines of the file, or resampled rows
-    # axle without wheel speeds in the file. It receives those of the other axle, and
-    # longitudinal slip is not observable. None: the file has wheel speeds of both axles
+    # Axle whose wheel speeds are not in the file. It gets the wheel speeds of the other
+    # axle, so longitudinal slip is not observable. None: both axles are in the file.
     stand_in: str | None = None
-    # factor by which the received speeds were multiplied: wheel radius of the other axle
-    # divided by the wheel radius of this axle
+    # factor by which the wheel speeds of the other axle were multiplied for the axle
+    # `stand_in`: wheel radius of the other axle / wheel radius of this axle
     stands_by: float = 1.0
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
-    # axle with both wheel speeds in the file -> (right - left wheel speed)/yaw rate, i.e.
-    # track width/wheel radius. 0: noise dominates
+    # Axle whose two wheel speeds are in the file -> (right - left wheel speed) / yaw
+    # rate, which is track width / wheel radius. 0: unknown, since noise dominates.
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
@@ -235,14 +240,16 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
     sides : collection of str
         Axles for which the log has the columns of both wheels, not one of the axle.
     spare : collection of str
-        Channels that are not required. In addition, one of both axles may be missing.
+        Channels that are not required. In addition, the wheel speed of one axle may be
+        missing.
     """
-    # channels whose columns are written with capital letters: misspelt, but not absent
+    # If a column differs from the name of a channel only by capital letters, the channel
+    # is misspelt, not absent.
     misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # if the log has only one wheel of an axle, the axle counts as required, and
-    # check_log() refuses the log
+    # If the log has one of the two wheels of the missing axle, the axle is required. Then
+    # check_log() refuses the log, since the other wheel is missing.
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
 
@@ -337,8 +344,8 @@ def _check_channels(
 ) -> None:
     """Refuse columns outside their range; replace wrong values by NaN.
 
-    Absent channels become columns of NaN. `parts` has the columns of each channel: one,
-    or those of two wheels."""
+    Absent channels become columns of NaN. `parts`: channel -> names of its columns, one
+    or those of the two wheels. `absent`: channels that the log lacks."""
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
@@ -373,8 +380,8 @@ def _join_wheels(
 def _replace_axle(data: dict[str, np.ndarray], axle: str, notes: list[str]) -> None:
     """Replace the missing wheel speeds of an axle by those of the other axle.
 
-    Then longitudinal slip is unknown. accel_x is discarded, because without the slip it
-    does not determine the longitudinal stiffness."""
+    Longitudinal slip is then unknown. Without the slip, accel_x does not determine the
+    longitudinal stiffness, so accel_x is discarded."""
     other = next(c for c in SIDES if c != axle)
     data[axle] = data[other].copy()
     data["accel_x"] = np.full(len(data[axle]), np.nan)
@@ -444,9 +451,9 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
 def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     """Replace by NaN the zeros that a logger wrote for missing values.
 
-    Such a run of zeros is between two values of the same sign that are further from 0
-    than the channel changes from row to row. If there are many such runs, all zeros are
-    replaced."""
+    A run of zeros is suspicious if the values before and after it have the same sign and
+    are further from 0 than the channel usually changes from row to row. If there are many
+    suspicious runs (MIN_ZERO_RUNS, MIN_ZERO_SHARE), all zeros are replaced."""
     value = data[name]
     zero = value == 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], zero.astype(np.int8), [0]])))
@@ -488,7 +495,8 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
 
 
 def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
-    """Return a data frame that shares memory with the columns: 10 h take 200 MB."""
+    """Return a data frame that shares memory with the columns: a copy of a log of 10 h
+    would take 200 MB."""
     import pandas as pd  # not at the top: estimation row by row needs numpy only
 
     return pd.DataFrame(columns, index=range(rows), copy=False)
@@ -497,8 +505,9 @@ def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
     """Return the part of a log in which the car turns most, to inspect its sensors.
 
-    The part has `rows` rows, or fewer if the sample time is longer than 0.01 s: it lasts
-    at most `rows` times 0.01 s. A shorter log is returned completely."""
+    The part has `rows` rows if the sample time is at most 0.01 s. If the sample time is
+    longer, the part has fewer rows and lasts `rows` x 0.01 s. A log that is shorter than
+    the part is returned completely."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
@@ -523,7 +532,7 @@ def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
 
 
 def _suggest_remedy(missing: Collection[str]) -> str:
-    """Return the end of the message about missing columns: what to do."""
+    """Return the end of the message about missing columns, which says what to do."""
     if any(c.endswith(("_left", "_right")) for c in missing):
         return ": both wheels of an axle are needed, or the axle's mean"
     if "steer_angle" in missing:
@@ -549,7 +558,8 @@ def _average_axle(
     turned = float(np.sum(rate**2))
     difference = difference if both.all() else difference[both]
     differed = float(np.sum(difference**2))
-    # in place to save memory, and so is the mean below: a column of 10 h takes 30 MB
+    # This and the mean below are computed in place, to save memory: a column of 10 h
+    # takes 30 MB.
     difference *= rate
     per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
     del difference, rate
@@ -593,7 +603,7 @@ def _check_optional(
 
 
 def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
-    """Return a column as floats. Jumps by 2 pi are removed from a course, to average it.
+    """Return a column as floats. Remove jumps by 2 pi from a course, before averaging.
 
     CheckedLog.rows() wraps a course to -pi .. pi again."""
     value = column.to_numpy(float).copy()
@@ -616,8 +626,9 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     Returns
     -------
     CheckedLog
-        Each row has the means of one block: of time, channels, references and optional
-        columns. A mean over n rows divides the sd of white noise by sqrt(n).
+        Each row belongs to one block. It has the means of time, channels, references and
+        optional columns over the block. Averaging n rows divides the sd of white noise by
+        sqrt(n).
 
     Raises
     ------

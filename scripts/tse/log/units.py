@@ -10,9 +10,10 @@ if TYPE_CHECKING:
     import pint
 
 
-# Unit of pint -> its spellings in logs that pint does not know or takes for a different
-# unit. Blanks are removed. Spellings are in lower case, except if the case matters (kN is
-# not kn, a knot). Hz is taken as turns per second of a wheel.
+# Unit of pint -> spellings of this unit in logs, which pint does not know or takes for a
+# different unit. Each string has several spellings, separated by blanks. A spelling has
+# no blanks, since they are removed from the unit in a log. It is in lower case, except if
+# the case matters: kN is not kn, a knot. Hz means turns per second of a wheel.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -45,8 +46,8 @@ _SPELLINGS = {
 }
 SPELLINGS = {"": "1"} | {s: unit for unit, spelled in _SPELLINGS.items() for s in spelled.split()}
 
-# Any other unit is parsed by pint only if it matches this pattern. It has at most one ^,
-# because pint would compute nested powers of any size.
+# If a unit is not in _SPELLINGS, pint parses it, but only if it matches this pattern. The
+# pattern allows at most one ^, because pint would compute nested powers of any size.
 _SIMPLE_UNIT = re.compile(r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}")
 
 
@@ -75,7 +76,7 @@ def parse_unit(unit: str) -> pint.Quantity | None:
 def is_unknown_unit(unit: str) -> bool:
     """Return whether a unit is unknown, such as km^h.
 
-    The unit of such a channel is guessed from its values."""
+    If the unit of a channel is unknown, it is guessed from the values of the channel."""
     return parse_unit(unit) is None
 
 
@@ -96,8 +97,8 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
     wanted : str
         SI unit of the channel.
     radius : float, optional
-        [m] Wheel radius. If it is given and `wanted` is rad/s, a unit of speed is
-        converted to the rotational speed of a wheel.
+        [m] Wheel radius. If it is given and `wanted` is rad/s, `unit` may also be a unit
+        of speed: the factor then converts speed to rotational speed of a wheel.
 
     Returns
     -------
@@ -123,8 +124,9 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
 def unit_kind(unit: str) -> str:
     """Return the kind of quantity that a unit measures.
 
-    It is one of angle, rate (of rotation, or a frequency), speed, acceleration, torque,
-    time, other, or "" if the unit is 1 or not stated. Unknown units are of kind other."""
+    The result is "angle", "rate" (a rate of rotation, or a frequency), "speed",
+    "acceleration", "torque", "time" or "other". It is "" if the unit is 1 or not stated.
+    An unknown unit is "other"."""
     found = parse_unit(unit)
     if found is None:
         return "other"

@@ -9,11 +9,12 @@ bank_sd              rad, standard deviation of bank, 0 .. 0.35
 grade_sd             rad, standard deviation of grade, 0 .. 0.35
 x, y                 m, path in a level frame with any origin; both or none
 latitude, longitude  deg, the same path; both or none
-curvature            1/m, of the path, > 0 to the left; default: that of x, y
-closed               1: a circuit: the last row is the same place as the first; 0: open
+curvature            1/m, of the path, > 0 to the left; default: computed from the path
+closed               1: a circuit, whose last row is the same place as the first; 0: open
 
-Required: distance, bank or grade, and either a path (x and y, or latitude and longitude)
-or the curvature. road_match.py finds the places of the rows of a log on the road.
+Three things are required: distance; bank or grade; a path (x and y, or latitude and
+longitude) or the curvature. road_match.py finds the places of the rows of a log on the
+road.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
-# [m] distance between the two places from which the derivative of a profile is computed:
-# less than the 40 m between the knots of a fitted profile
+# [m] distance between the two places from which the derivative of a profile is computed.
+# It is less than the 40 m between the knots of a fitted profile.
 SLOPE_DISTANCE = 5.0
-# [m] sd of the Gaussian window that smooths curvatures: half the distance over which a
-# car turns into a bend
+# [m] sd of the Gaussian window that smooths curvatures. It is half the distance over
+# which a car turns into a bend.
 SMOOTH_DISTANCE = 7.5
 
 
@@ -63,7 +64,7 @@ class Road:
     Parameters
     ----------
     distance
-        (n,) m, increasing. In a circuit, the last place is the same as the first, one
+        (n,) [m] increasing. In a circuit, the last place is the same as the first, one
         round later.
     bank, grade
         (n,) rad; bank > 0 if the left side is higher, grade > 0 uphill. NaN: unknown.
@@ -141,8 +142,8 @@ class Road:
         name
             bank, grade, bank_sd, grade_sd, curvature, x or y.
         distance
-            (m,) m along the road; in a circuit, in any of its rounds. NaN: not on the
-            road.
+            (m,) [m] distances along the road. In a circuit, they may count further in
+            each round. NaN: not on the road.
 
         Returns
         -------
@@ -166,12 +167,14 @@ class Road:
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,
         bank_sd: Array | None = None, grade_sd: Array | None = None,
     ) -> Road:  # fmt: skip
-        """Return a road with this path and a new profile, linear between knots.
+        """Return a road with the path of this road and a new profile.
+
+        The profile is linear between knots, i.e. given places.
 
         Parameters
         ----------
         distance
-            (k,) m along this road, increasing: the knots.
+            (k,) [m] increasing distances of the knots along this road.
         bank, grade, bank_sd, grade_sd
             (k,) rad, values at the knots. None: unknown. The profile of an open road is
             unknown before the first and after the last knot.
@@ -198,11 +201,11 @@ def make_road(
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return coordinates east and north of the origin, m, of places near it.
+    """Return the coordinates east and north of an origin, m, of places near the origin.
 
-    `origin`: latitude and longitude, deg. This is an equirectangular projection. Within
-    10 km of the origin, its error is up to 5 m at a latitude of 60 deg, but the same for
-    all laps.
+    `origin`: latitude and longitude, deg. The projection is equirectangular. Within 10 km
+    of the origin, its error is up to 5 m at a latitude of 60 deg. The error of a place is
+    the same in all laps, so it does not affect the matching.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -297,7 +300,8 @@ def _format_range(name: str) -> str:
 def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str) -> None:
     """Check the columns of a road.
 
-    `line`: number of each row in messages. `place`: "line" or "row".
+    `columns`: name -> values. `line`: number of each row in messages. `place`: what these
+    numbers count: "line" or "row".
 
     Raises
     ------

@@ -1,15 +1,16 @@
 """Find the place on a road of each row of a log.
 
-If GNSS positions are logged, they give the place. Otherwise, the curvature of the path of
-the car (yaw rate / speed) as a function of the travelled distance is matched with the
-curvature of the road. This is a hidden Markov model (Viterbi, IEEE Trans. Inf. Theory 13
-(1967) 260). Its states are places on the road, PLACE_STEP apart, and "elsewhere", i.e.
-off the road. While the log advances by one step of PLACE_STEP, the place advances by 0, 1
-or 2 steps. The model thus allows for a wrong wheel radius, a different lane, a start
-anywhere on the road, several rounds of a circuit, and driving to the road and away from
-it. A stretch is a part of the log that is on the road without interruption. In a stretch,
-the curvatures must correlate (MIN_ALIKE) and the road must turn enough (MIN_TURN), since
-straights cannot be distinguished."""
+If the log and the road have positions, the place on the road is that nearest to the
+position. Otherwise, the curvature of the path of the car (yaw rate / speed) as a function
+of the travelled distance is matched with the curvature of the road. This uses a hidden
+Markov model (Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260). Its states are places on
+the road, PLACE_STEP apart, and the state "elsewhere", i.e. off the road. While the log
+advances by one step of PLACE_STEP, the place advances by 0, 1 or 2 steps. The model thus
+allows for a wrong wheel radius, a different lane, a start anywhere on the road, several
+rounds of a circuit, and driving to the road and away from it. A stretch is a part of the
+log that is on the road without interruption. In a stretch, the curvatures of log and road
+must correlate (MIN_ALIKE), and the road must turn enough (MIN_TURN), since one straight
+cannot be distinguished from another."""
 
 from __future__ import annotations
 
@@ -26,18 +27,20 @@ from tse.library.errors import UserError
 from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
-GNSS, PATH = "GNSS position", "path"  # method by which places are found, as named in messages
-# Method -> [m] sd of the distance along the road. PATH: rms difference from GNSS in four
-# real laps
+# methods by which places are found, as messages name them
+GNSS, PATH = "GNSS position", "path"
+# Method -> [m] sd of the distance along the road that it finds. The value of PATH is the
+# rms difference from distances by GNSS in four real laps.
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
-# [m] max distance of a position from the path of the road: width of four lanes, or the
-# error of a poor GNSS
+# [m] If a position is further than this from the path of the road, it is off the road.
+# The value is the width of four lanes, or the error of a poor GNSS receiver.
 MAX_OFF_ROAD = 15.0
-# [m] In the search for the place nearest to the car, a place at which the road has the
-# opposite direction counts as this much further away.
+# [m] The search for the place nearest to the car includes the direction of driving. If
+# the road has the opposite direction at a place, its distance counts as at least this.
 DIRECTION_DISTANCE = 20.0
-# [m/s] below this speed, the car is taken to stand: the gyro then measures its bias
+# [m/s] Below this speed, the car is taken to stand. The measured yaw rate is then the
+# bias of the gyro.
 MIN_ROLL_SPEED = 0.5
 # Costs of the hidden Markov model are negative log-likelihoods, in nat.
 
@@ -47,38 +50,43 @@ SLIP_COST = 3.0
 # [1] sd of the difference between the curvatures of log and road, relative to the rms
 # curvature of the road: drivers take different lines.
 ALIKE_SD = 0.25
-# [1/m] min of this sd: steering corrections on a straight, with a radius of 2 km
+# [1/m] min of this sd, as an absolute value. It allows for steering corrections on a
+# straight, which have a radius of 2 km.
 MIN_ALIKE_SD = 5e-4
-# [1] The squared difference of the curvatures / its variance is limited to this, so that
-# a car that overtakes is still on the road.
+# [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
+# large difference, e.g. when the car overtakes, does not put the car off the road.
 MAX_SQUARED_ERROR = 9.0
-# [nat] cost of each step of the log off the road: as much as a curvature that differs
-# from that of the road by 1.4 sd
+# [nat] cost of each step of the log off the road. It equals the cost of a curvature that
+# differs from the curvature of the road by 1.4 sd.
 ELSEWHERE_COST = 1.0
-# [nat] cost of leaving or reaching the road: as much as 75 m off the road
+# [nat] cost of leaving the road, and of reaching it. It equals the cost of 75 m off the
+# road.
 TURN_OFF_COST = 30.0
 MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
 MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
-# [rad] value of this integral that always suffices. A stretch with a smaller one may
-# match by chance: on a winding road, 3.6 rad of the reversed or mirrored road matched.
+# [rad] If this integral exceeds SURE_TURN, the match is not taken as chance. A stretch
+# with a smaller integral may match by chance: on a winding road, a stretch with 3.6 rad
+# of the reversed or mirrored road matched.
 SURE_TURN = 6.0
-# [1] The place is ambiguous if a different part of the road has a correlation that is
-# lower by less than this.
+# [1] The place of a stretch is ambiguous if a different part of the road matches nearly
+# as well: its correlation with the stretch exceeds that of the found part - SAME_ALIKE.
 SAME_ALIKE = 0.05
-# [1] The integral of |curvature| over a stretch also suffices if it is this share of the
-# integral over the whole road, or over the whole log if the latter is smaller.
+# [1] An integral below SURE_TURN also suffices if it exceeds this share of the integral
+# of |curvature| over the whole road or over the whole log, whichever is smaller.
 SURE_SHARE = 0.8
-# [1] max relative error of the distance by wheels. If it is exceeded, the distance is
-# corrected, and the log is matched again.
+# [1] max relative error of the distance that is computed from the wheel speeds. If it is
+# larger, the distance is corrected, and the log is matched again.
 MAX_STRETCH = 0.005
-# [m] sd of the window in which the offset between distance along the road and distance by
-# wheels is taken as constant
+# [m] The offset between the distance along the road and the distance from the wheel
+# speeds is taken as constant within a Gaussian window with this sd.
 DRIFT_WINDOW = 60.0
 MIN_ROUND = 100.0  # [m] min length of a circuit
-# [m] max distance that is driven before the circuit is reached, e.g. in a pit lane
+# [m] max distance that the car drives before it reaches the circuit, e.g. in a pit lane
 MAX_PIT_LANE = 300.0
-MAX_CLOSURE = 0.05  # [1] max error of dead reckoning after one round / length of the round
-# max number of places in the model; on a longer road, their spacing exceeds PLACE_STEP
+# [1] max of (error of dead reckoning after one round) / (length of the round)
+MAX_CLOSURE = 0.05
+# Max number of places in the model. If the road is too long for it, the spacing of the
+# places is increased above PLACE_STEP.
 MAX_PLACES = 8000
 
 
@@ -89,9 +97,10 @@ class Track:
     Parameters
     ----------
     travelled
-        (n,) m, distance by the wheel speeds since the first row. It never decreases.
+        (n,) [m] distance from the wheel speeds since the first row. It never decreases.
     heading
-        (n,) rad, integral of (yaw rate - its bias) over the time in which the car moves.
+        (n,) [rad] integral of (yaw rate - bias of the gyro) over the time in which the
+        car moves.
     x, y
         (n,) m, positions. None: the log has none.
     latitude, longitude
@@ -113,10 +122,11 @@ class Profile:
     Parameters
     ----------
     distance
-        (n,) m along the road, counted anew in each round of a circuit. NaN: off the road.
+        (n,) [m] distance along the road, counted anew in each round of a circuit. NaN:
+        off the road.
     bank, grade, bank_sd, grade_sd
-        (n,) rad. NaN: unknown. The sd include the effect of the error of the place: its
-        sd x the derivative of the profile with respect to distance.
+        (n,) [rad]. NaN: unknown. Both sd include the effect of an error of the place,
+        which is PLACE_SD x the derivative of bank or grade with respect to distance.
     how
         Method by which the places were found: GNSS or PATH.
     """
@@ -135,7 +145,7 @@ class Profile:
 
     @property
     def sd(self) -> float:
-        """rms of bank_sd and grade_sd over all rows, rad; NaN: they are unknown."""
+        """rms of bank_sd and grade_sd over all rows, rad. NaN: both are unknown."""
         known = np.concatenate([self.bank_sd, self.grade_sd])
         known = known[np.isfinite(known)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
@@ -151,9 +161,9 @@ def derive_track(log: CheckedLog, config: Config | None = None) -> Track:
     Parameters
     ----------
     log
-        Log with wheel speeds and yaw rate. Its positions are the first of these pairs
-        that exists: gnss_latitude and gnss_longitude, ref_latitude and ref_longitude,
-        deg, ref_east and ref_north, m.
+        Log with wheel speeds and yaw rate. The positions are the first of these pairs of
+        columns that the log has: gnss_latitude and gnss_longitude [deg], ref_latitude and
+        ref_longitude [deg], ref_east and ref_north [m].
     config
         Settings with the wheel radii. None: those of an ordinary car. Matching estimates
         the error of the radii.
@@ -209,8 +219,9 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
 
     Notes
     -----
-    For n rows, M steps of the log and N places of the road, the time is O(n log N) with
-    positions, and O(M N) without: 0.5 s for laps of 4 km.
+    The computing time is O(n log N) with positions, and O(M N) without, e.g. 0.5 s for
+    laps of 4 km. n: number of rows. M: number of steps of the log. N: number of places on
+    the road.
     """
     track = derive_track(log, config)
     distance, how = _match_track(road, track, str(log.path))
@@ -255,21 +266,21 @@ def add_road(log: CheckedLog, road: Road, config: Config | None = None) -> tuple
 
 
 def match_common(logs: Sequence[CheckedLog], config: Config | None = None) -> tuple[list[Array], Road]:
-    """Find the distances along a common road of the rows of several logs.
+    """Find the distance along a common road for each row of several logs.
 
     Parameters
     ----------
     logs
         Logs on the same road in the same direction. The road is the path of the longest
-        one, and distances count from its first row. If this log returns to its start, the
-        road is a circuit, and each place has the same distance in all rounds.
+        log, and distances count from the first row of this log. If this log returns to
+        its start, the road is a circuit, and a place has the same distance in all rounds.
     config
         As in derive_track().
 
     Returns
     -------
     distance
-        One array for each log: (n,) m. NaN: off the common road.
+        One array for each log: (n,) [m] distances of its rows. NaN: off the common road.
     road
         Path and curvature every 5 m. Bank and grade are unknown: Road.with_profile() sets
         them.
@@ -354,7 +365,7 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
 
 
 def _smooth_values(values: Array, sd: float) -> Array:
-    """Smooth values by a Gaussian window with this sd, in steps between values.
+    """Smooth values by a Gaussian window. `sd`: its sd, in steps between values.
 
     Both ends are extended by point reflection, so that a straight line stays straight."""
     wide = min(int(4 * sd) + 1, len(values) - 1)
@@ -379,11 +390,12 @@ def _compute_track_curvature(track: Track, way: Array) -> Array:
 def _find_round(road: Road) -> tuple[int, int] | None:
     """Return first and last place of the first round, as indices; None: no circuit.
 
-    At the end of a round, the path reaches its beginning again, in the same direction.
-    With positions, the end is the place nearest to the beginning, in the first stretch
-    that comes within MAX_OFF_ROAD of it again. Without positions, the length of the round
-    is the shift at which the curvature correlates with itself (MIN_ALIKE) and dead
-    reckoning returns to its start (MAX_CLOSURE).
+    At the end of a round, the path reaches the beginning of the round again, in the same
+    direction. If the road has positions, the first part of the path that comes within
+    MAX_OFF_ROAD of the beginning again is searched. The end is the place in it that is
+    nearest to the beginning. Without positions, the length of the round is a shift that
+    meets two conditions: the curvature correlates with the shifted curvature (MIN_ALIKE),
+    and dead reckoning over this length returns to its start (MAX_CLOSURE).
     """
     s = road.distance
     if road.x is not None:
@@ -418,9 +430,10 @@ def _correlate(a: Array, b: Array) -> float:
 
 
 def _add_direction(x: Array, y: Array) -> Array:
-    """Return points of a path with its direction there: (n, 4) x, y and scaled direction.
+    """Return (n, 4): x and y of the points of a path, and its direction as a vector.
 
-    Two points at the same position with opposite directions are DIRECTION_DISTANCE apart.
+    The vector is scaled so that two points at the same position with opposite directions
+    are DIRECTION_DISTANCE apart in these four coordinates.
     """
     dx, dy = np.gradient(x), np.gradient(y)
     size = np.maximum(np.hypot(dx, dy), 1e-9)
@@ -428,9 +441,9 @@ def _add_direction(x: Array, y: Array) -> Array:
 
 
 def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
-    """Return the distance along the road of each row, NaN off the road, and the method.
+    """Return the distance along the road of each row, and the method (GNSS or PATH).
 
-    `name`: name of the log in messages."""
+    The distance is NaN off the road. `name`: name of the log in messages."""
     if track.latitude is not None and road.latitude is not None:
         x, y = to_local(track.latitude, track.longitude, road.origin)
         start = to_local(road.latitude, road.longitude, road.origin)
@@ -456,15 +469,17 @@ def match_by_position(
     Parameters
     ----------
     x, y, distance
-        (n,) m, path and distance along it.
+        (n,) [m] points of the path, and their distances along the path.
     at_x, at_y
-        (m,) m, positions in the same frame. NaN: unknown; they are interpolated.
+        (m,) [m] positions of the log in the same frame. NaN: unknown.
     travelled
-        (m,) m, distance by the wheel speeds. It determines the direction of driving.
+        (m,) [m] distance from the wheel speeds. Positions are interpolated over it, and
+        give the direction of driving.
 
     Returns
     -------
-    (m,) m. NaN: further than MAX_OFF_ROAD from the path, or in the opposite direction.
+    (m,) [m]. NaN: the position is further than MAX_OFF_ROAD from the path, or the car
+    drives in the opposite direction.
     """
     known = np.isfinite(at_x) & np.isfinite(at_y)
     rolled = np.flatnonzero(known & (np.diff(travelled, prepend=-1.0) > 0))
@@ -489,10 +504,10 @@ def match_by_position(
 
 
 def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
-    """Interpolate distances along a road linearly at travelled distances `at`.
+    """Convert travelled distances `at` to distances along a road.
 
-    `s`: distances along the road at the travelled distances `way`. At a jump of s, or
-    next to NaN, the nearest value is used."""
+    `s`: distances along the road at the travelled distances `way`. Between them, s is
+    interpolated linearly. At a jump of s, or next to NaN, the nearest value is used."""
     i = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     share = (at - way[i]) / (way[i + 1] - way[i])
     step = s[i + 1] - s[i]
@@ -527,8 +542,8 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     sd = max(ALIKE_SD * scale, MIN_ALIKE_SD)
     place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     stretch = _estimate_stretch(place, road.is_closed)
-    # If the wheel radius is wrong, the match contains many steps of 0 or 2 places:
-    # correct the distance, and match again.
+    # If the wheel radius is wrong, the places advance by 0 or 2 in many steps, each of
+    # which has a cost: correct the travelled distance, and match again.
     if abs(stretch - 1.0) > MAX_STRETCH:
         track = replace(track, travelled=stretch * track.travelled)
         way = np.arange(0.0, float(track.travelled[-1]) + step, step)
@@ -549,13 +564,13 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
 
 
 def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return the stretches of the log that are on the road: (first, last + 1) indices."""
+    """Return the stretches of the log on the road, as indices (first, last + 1)."""
     edges = np.flatnonzero(np.diff((place >= 0).astype(int), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return distance along the road / distance by wheels; 1: unknown."""
+    """Return distance along the road / distance from the wheel speeds; 1: unknown."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
     steps = steps[steps >= 0] if is_closed else steps  # a step is negative if a new round begins
     return float(np.mean(steps))
@@ -590,11 +605,11 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # came[i, place]: predecessor of a place in step i. 0, 1, 2: the place this many
-    # places before; 3: elsewhere. came[i, n]: predecessor of "elsewhere" in step i. 0:
-    # elsewhere; 1: the place left[i].
+    # came[i, place]: code for the state before step i, if the state after it is `place`.
+    # 0, 1, 2: the place this many places before; 3: elsewhere. came[i, n]: the same if
+    # the state after step i is "elsewhere". 0: elsewhere; 1: the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
-    left = np.zeros(steps, np.int64)  # place at which the log leaves the road in this step
+    left = np.zeros(steps, np.int64)  # place from which the log would leave the road
     cost = np.full(n + 1, TURN_OFF_COST)
     cost[n] = 0.0
     options = np.empty((4, n))
@@ -632,10 +647,11 @@ def _accept_stretches(
 ) -> npt.NDArray[np.int64]:
     """Return the places, with -1 in stretches of low correlation or little turning.
 
-    `its`: curvatures of the road at its places. `turn`: curvatures of the log at its
-    steps. `step`: their spacing, m. In a stretch, their correlation must exceed
-    MIN_ALIKE, and the integral of |curvature| must exceed a limit: SURE_TURN, or
-    SURE_SHARE of the whole integral if this is smaller, but at least MIN_TURN."""
+    In a stretch, the correlation of both curvatures must exceed MIN_ALIKE. In addition,
+    the integral of |curvature| of the road must exceed a limit. The limit is the smaller
+    of SURE_TURN and SURE_SHARE x the integral over the whole road or log, but at least
+    MIN_TURN. `its`: curvatures of the road at its places. `turn`: curvatures of the log
+    at its steps. `step`: [m] spacing of places and steps."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -651,7 +667,9 @@ def _is_ambiguous(
 ) -> bool:
     """Return whether the longest stretch also matches a different part of the road.
 
-    It does if its correlation with that part is lower by less than SAME_ALIKE."""
+    It does if its correlation with the different part exceeds its correlation with the
+    part on which it was found - SAME_ALIKE. `its`, `turn`, `step`: as in
+    _accept_stretches()."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE
@@ -668,13 +686,13 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Return the places with a resolution below a step, m from the first place.
+    """Return the places with a resolution below a step, as distances [m] from the first.
 
     NaN: off the road. The offset between distance along the road and travelled distance
     changes slowly. It is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit
     the curvature of the log to that of the road (Lucas and Kanade, IJCAI (1981) 674).
-    Places are weighted by the squared derivative of the curvature, since only changes of
-    curvature reveal the offset.
+    Places are weighted by the square of the derivative of the curvature with respect to
+    distance, since the offset is observable only where the curvature changes.
     """
     n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)
