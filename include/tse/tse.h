@@ -175,7 +175,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     dt above max_gap
  *         The motion is set from wheel speeds and gyro. All other estimates are kept.
  *   Unusual rows, default filter
- *     any other dt
+ *     dt up to max_gap that differs from sample_time
  *         The motion is integrated in up to TSE_SUBSTEPS substeps.
  *     a measurement missing or out of range
  *         The other measurements are used. If there is none, the filter only predicts.

@@ -1,4 +1,5 @@
-/* estimator/settings.c - settings: defaults, values of the vehicle class, checks. */
+/* estimator/settings.c - settings: defaults, values that follow from the class of the
+ * vehicle, checks. */
 #include "estimator/settings.h"
 #include "tables/config_rows.h"
 

@@ -46,8 +46,8 @@ static tse_real get_road_mean(const tse_params *p, const tse_kalman *k, int i)
   return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
 }
 
-/* Return the sd of gravity along (i = 0) or across (i = 1) the road about its mean. If
- * the row gives the grade or bank, the sd is at most road_sd. */
+/* Return the sd by which gravity along (i = 0) or across (i = 1) the road varies about
+ * its mean. If the row gives the grade or bank, the sd is at most road_sd. */
 static tse_real get_road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];

@@ -178,7 +178,7 @@ struct tse_params {
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;      /* [1] initial variance of the mean */
   tse_real spread_max_var; /* [1] square of spread_max */
-  tse_real kernel;         /* [log2] sd of the factor of Lambda at resampling */
+  tse_real kernel;         /* [log2] sd of the random factor on Lambda at resampling */
   tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */

@@ -452,7 +452,7 @@ def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str
 
 
 def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """Remove a table from `data` and return it; {}: it is missing."""
+    """Remove a table from `data` and return it. Return {} if the table is missing."""
     table = data.pop(name, {})
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} must be a table: [{name}]")

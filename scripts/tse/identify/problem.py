@@ -351,9 +351,11 @@ class CarProblem:
     def transform_difference(self, g: int, difference: np.ndarray) -> np.ndarray:
         """Convert a difference, one value per block of a group, to the compared quantity.
 
-        For accel_x it is a wheel speed: s + (m v/C) difference, with
-        ds/dt = difference - s/SPEED_TIME, which begins at 0 in each stretch. For other
-        channels the difference is returned unchanged.
+        For accel_x the compared quantity is a wheel speed, s + (m v/C) difference. Its
+        first term is the integral of the difference, which decays with SPEED_TIME:
+        ds/dt = difference - s/SPEED_TIME, and s = 0 at the start of each stretch. Its
+        second term is the slip of the driven wheels (m: mass, v: speed, C: longitudinal
+        stiffness). For other channels the difference is returned unchanged.
         """
         if self.groups[g][1] != "accel_x":
             return difference

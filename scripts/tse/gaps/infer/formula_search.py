@@ -126,7 +126,9 @@ class Frame:
         )
 
     def compute_worth(self, residuals: np.ndarray) -> float:
-        """Return the gain [nat] of a formula with which the fit has these residuals."""
+        """Return the gain [nat] of a formula relative to the last fit.
+
+        `residuals` are those of the fit with the formula."""
         return compute_worth(self.problem, self.last.residuals, residuals, self.length)
 
 

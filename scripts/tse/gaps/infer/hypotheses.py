@@ -23,11 +23,11 @@ from tse.identify.unknowns import SUPERELEVATION
 # are not searched for.
 # ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
 # distinguished from a sensor bias.
-# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect (95 % for
-# aligning_moment, in logs of two simulators), and tyre models are not more accurate than
-# that. Drag and rolling resistance belong here, because the measured wheel speeds drive
-# the model. The part of drag and rolling resistance that remains in accel_x looks like a
-# grade of the road.
+# ABSORBED: the fitted stiffness compensates for all but 5 % of the effect, or less, and
+# tyre models have errors of 5 %, too (measured for aligning_moment, in logs of two
+# simulators). Drag and rolling resistance belong here, because the model takes its speed
+# from the measured wheel speeds, so that they hardly change it. What remains of them in
+# accel_x looks like a grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
 # prior mean of the number of effects that a vehicle file lacks, counting only those with
 # the occurrence SOME_CARS
