@@ -75,7 +75,8 @@ class _OddLines:
         self.said.append((line, what))
 
     def note(self, path: Path) -> str:
-        """Return one note that lists the first lines that were left out and counts the others."""
+        """Return one note that lists the first lines that were left out and counts the
+        others."""
         self.said.sort()
         first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MAX_NOTED_LINES])
         more = len(self.said) - MAX_NOTED_LINES
