@@ -589,7 +589,8 @@ def make_measured_events() -> str:
     """Return a table of how long estimates are wrong after events.
 
     For comparison, the table also has the time that a filter needs to find the change if
-    it is told when the change happened."""
+    the time of the change is known to it."""
+
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )

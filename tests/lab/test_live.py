@@ -193,6 +193,7 @@ def test_a_drive_in_real_time_keeps_up(folder, tmp_path):
     assert "100 rows per second" in live.numbers()
 
 
+@pytest.mark.slow
 def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
     live = make_live(folder, "foreign")
     strange = [(t, i + 500, d) for t, i, d in trip[:1500]]  # 5 s, as long as the others are away
@@ -376,6 +377,7 @@ def command(folder, *more):
     )
 
 
+@pytest.mark.slow
 def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_path):
     taught = tmp_path / "car.tse"
     done = command(folder, "--out", tmp_path / "one", "--duration", 9, "--save-learnt", taught, "--json",

@@ -544,6 +544,7 @@ def list_notes(car, folder, **columns) -> list[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("road", ["highway", "mountain"])
 def test_right_logs_of_cars_that_nobody_made_here_get_no_note(road, cars, tmp_path):
     """At 130 km/h an understeering car has a third of the yaw rate of its steering
@@ -552,6 +553,7 @@ def test_right_logs_of_cars_that_nobody_made_here_get_no_note(road, cars, tmp_pa
         assert list_notes(car, tmp_path) == []
 
 
+@pytest.mark.slow
 def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
     """The factor is only 1.05 .. 1.15. The wheels of an axle and the yaw rate show it."""
     for car in cars["mountain"]:
@@ -562,6 +564,7 @@ def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
             assert f"factor {3.6 * radius:.3g}" in found[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "hint"),
     [
@@ -577,6 +580,7 @@ def test_units_of_such_cars(columns, hint, cars, tmp_path):
         assert len(found) == 1 and hint in found[0], found
 
 
+@pytest.mark.slow
 def test_swapped_axes_are_named(cars, tmp_path):
     car = cars["mountain"][0]
     swapped = dict(car.log)
