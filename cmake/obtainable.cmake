@@ -4,8 +4,10 @@
 # left out.
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
 set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
-set(tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, which scripts/setup.sh puts into .venv/share/unity")
-set(tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 into .venv/share/fmi3")
+string(CONCAT tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, "
+  "which scripts/setup.sh puts into .venv/share/unity")
+string(CONCAT tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, "
+  "which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 into .venv/share/fmi3")
 
 # Set `result` to ON if FetchContent can get the sources `name` (unity or fmi2), else OFF.
 function(tse_obtainable name result)
@@ -19,7 +21,8 @@ function(tse_obtainable name result)
     set(${result} ON PARENT_SCOPE)
     return()
   endif()
-  if(name STREQUAL "unity" AND NOT CMAKE_VERSION VERSION_LESS 3.24)     # tests/CMakeLists.txt then uses an installed Unity
+  # tests/CMakeLists.txt then uses an installed Unity
+  if(name STREQUAL "unity" AND NOT CMAKE_VERSION VERSION_LESS 3.24)
     find_package(unity QUIET CONFIG)
     if(unity_FOUND)
       set(${result} ON PARENT_SCOPE)
@@ -32,7 +35,8 @@ function(tse_obtainable name result)
   if(FETCHCONTENT_FULLY_DISCONNECTED OR NOT TSE_GIT)
     return()
   endif()
-  execute_process(COMMAND "${CMAKE_COMMAND}" -E env GIT_TERMINAL_PROMPT=0 "${TSE_GIT}" ls-remote --exit-code "${tse_${name}_repository}" HEAD
+  execute_process(COMMAND "${CMAKE_COMMAND}" -E env GIT_TERMINAL_PROMPT=0
+    "${TSE_GIT}" ls-remote --exit-code "${tse_${name}_repository}" HEAD
     TIMEOUT 20 RESULT_VARIABLE failed OUTPUT_QUIET ERROR_QUIET)
   if(failed STREQUAL "0")
     set(${result} ON PARENT_SCOPE)
@@ -53,7 +57,8 @@ function(tse_tests_can_be_built result)
   endif()
   if(missing)
     list(JOIN missing ", " missing)
-    message(STATUS "tse: the tests are not built, because they need ${missing}; install it, then add -DTSE_BUILD_TESTS=ON")
+    message(STATUS "tse: the tests are not built, because they need ${missing}; "
+      "install it, then add -DTSE_BUILD_TESTS=ON")
     set(${result} OFF PARENT_SCOPE)
   else()
     set(${result} ON PARENT_SCOPE)
@@ -64,7 +69,8 @@ endfunction()
 function(tse_fmus_can_be_built result)
   tse_obtainable(fmi2 fmi2)
   if(NOT fmi2)
-    message(STATUS "tse: the FMUs are not built, because they need the FMI 2.0 headers (${tse_fmi2_hint}); install them, then add -DTSE_BUILD_FMU=ON")
+    message(STATUS "tse: the FMUs are not built, because they need the FMI 2.0 headers "
+      "(${tse_fmi2_hint}); install them, then add -DTSE_BUILD_FMU=ON")
   endif()
   set(${result} ${fmi2} PARENT_SCOPE)
 endfunction()

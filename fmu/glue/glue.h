@@ -115,7 +115,7 @@ int glue_check_phase(const instance *s, int phases, const char *function);
 /* Check that an argument is not NULL. */
 int glue_check_pointer(const instance *s, const void *argument, const char *name, const char *function);
 
-/* Return the variable with a value reference; NULL if there is none. */
+/* Return the variable with a value reference, or NULL if no variable has it. */
 const fmu_variable *glue_find_variable(const instance *s, uint32_t vr);
 
 /* Return the number of values of a variable: 1 for a scalar, more for an array. */

@@ -106,7 +106,7 @@ def write_estimate() -> list[str]:
         elif f.name == "fault_channel":
             lines += [
                 "    fault_channel: str | None",
-                format_docstring("the channel that is most probably faulty; None: there is none"),
+                format_docstring("the channel that is most probably faulty; None if no channel is"),
             ]
         elif f.is_integer:
             lines += [f"    {f.name}: int", format_docstring(f.text)]

@@ -6,7 +6,7 @@
     .venv/bin/python scripts/dev/page.py --out FILE
         write the page to a different file
     .venv/bin/python scripts/dev/page.py --without-npm
-        build the page as on a machine without npm: it reads CSV only, and says so
+        build the page as on a machine without npm: it reads CSV only, and tells the user
     .venv/bin/python scripts/dev/page.py --ship
         write docs/try.html, which is in git, for users without a compiler
     .venv/bin/python scripts/dev/page.py --check

@@ -32,14 +32,15 @@ if [ "${1:-}" = --drives ]; then
     printf '%s: ' "$build"
     "$dir/tests/fuzz/drives" "${2:-10000000}" "${3:-1}" >"$table.$build" || code=$?
     cat "$table.$build"
-    printf '| %s | %s |\n' "$build" "$(sed -n 's/^.*: \([0-9]* rows of [0-9]* drives\), found \([0-9]*\)$/\1 | \2/p' \
-      "$table.$build")" >>"$table"
+    counts=$(sed -n 's/^.*: \([0-9]* rows of [0-9]* drives\), found \([0-9]*\)$/\1 | \2/p' "$table.$build")
+    printf '| %s | %s |\n' "$build" "$counts" >>"$table"
     rm -f "$table.$build"
   done
   {
     printf '# Long random drives\n\n'
-    printf '`scripts/dev/soak.sh --drives %s %s`, commit %s: random settings, faults, pauses,\n' "${2:-10000000}" \
-      "${3:-1}" "$(git rev-parse --short=8 HEAD 2>/dev/null || echo unknown)"
+    printf '`scripts/dev/soak.sh --drives %s %s`, commit %s:\n' "${2:-10000000}" "${3:-1}" \
+      "$(git rev-parse --short=8 HEAD 2>/dev/null || echo unknown)"
+    printf 'random settings, faults, pauses,\n'
     printf 'optional channels and learnt states (tests/fuzz/drives.c). Found: number of rows in which a\n'
     printf 'number is out of range, tse_filter_check() refuses the state, a refused row changes the\n'
     printf 'state, an age does not grow, or an estimate depends on whether the previous row had an\n'

@@ -260,7 +260,7 @@ class Estimate(EstimateBase):
     change_cy_rear: float
     """Ratio of the rear cornering stiffness now to its value before the last change."""
     fault_channel: str | None
-    """The channel that is most probably faulty; None: there is none."""
+    """The channel that is most probably faulty; None if no channel is."""
     discrepancy_accel_x: float
     """Model discrepancy of accel_x: sd of the part that the model does not explain
     [m/s2]."""

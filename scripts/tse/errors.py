@@ -1,4 +1,4 @@
-"""Exceptions of tse. Every message says what is wrong, and what is allowed."""
+"""Exceptions of tse. Every message states the error and the allowed values."""
 
 from __future__ import annotations
 

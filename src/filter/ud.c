@@ -232,7 +232,7 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
     for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : r_short(TSE_R(0));
   for (int j = MOTION - 1; j >= 0; j--) orthogonalise(p, &s, j);
-  /* add what is left of the extra states, which does not correlate with the motion */
+  /* add the part of the extra states that does not correlate with the motion */
   for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) {
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];

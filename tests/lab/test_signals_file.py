@@ -255,7 +255,7 @@ def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(driv
 
 BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, words of the message
     "empty MF4": ("x.mf4", b"", ["is empty"]),
-    "MF4 that is none": ("x.mf4", b"hello " * 100, ["does not begin like a .mf4 file", "cut off"]),
+    "MF4 in name only": ("x.mf4", b"hello " * 100, ["does not begin like a .mf4 file", "cut off"]),
     "MF4 cut off": ("x.mf4", b"MDF     4.10    tselab  ".ljust(90, b"\0"), ["damaged or cut off"]),
     "BLF without database": ("x.blf", b"LOGG".ljust(200, b"\0"), ["no database", "--database FILE"]),
     "ASC without frames": (

@@ -137,7 +137,7 @@ def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
     """Return a line for the user with the number and its interval. If the logs do not
-    determine the number, the line says so.
+    determine the number, the line ends with a remark on this.
 
     The line also states if the difference from the vehicle file is not significant or too
     small to matter (less than u.worth). `by` converts u.worth to the unit of the value.

@@ -671,7 +671,7 @@ def _format_unit(dimension: Any) -> str:
     return "/".join([" ".join(top) or "1", *below])
 
 
-# ---- Lists of what is allowed, and checks of the parts of a formula
+# ---- allowed elements of a formula, and checks of its parts
 
 
 def _list_letters() -> list[str]:

@@ -88,10 +88,10 @@ class Vehicle:
     wrong: list[str] = field(default_factory=list)
     formula: Formula | None = None  # read from the file that the table [formula] names
     formula_path: Path | None = None
-    # Table [calibration], as written by `tselab calibrate`; {}: there is none. Keys:
-    # "names", "mean" and "covariance" of the fitted unknowns. "of": values of
-    # CALIBRATED_FACTS when the car was calibrated. "own": True if the car was calibrated
-    # with the log that is estimated.
+    # Table [calibration], as written by `tselab calibrate`; {} if the file has no such
+    # table. Keys: "names", "mean" and "covariance" of the fitted unknowns. "of": values
+    # of CALIBRATED_FACTS when the car was calibrated. "own": True if the car was
+    # calibrated with the log that is estimated.
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property

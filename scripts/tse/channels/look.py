@@ -100,7 +100,7 @@ def _hold_last(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarr
 def _find_sign_bit(
     name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]
 ) -> str | None:
-    """Return the name of the bit that holds the sign of a magnitude; None: there is none.
+    """Return the name of the bit that holds the sign of a magnitude; None if no bit does.
 
     The bit has a name similar to that of the magnitude. It changes while the magnitude is
     near 0, and it is 1 in some rows with a large magnitude. The last condition excludes a

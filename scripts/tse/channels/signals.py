@@ -110,7 +110,8 @@ class SignalsFile:
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
 ) -> tuple[SignalsFile | None, ReadOptions]:
-    """Return the signals.toml of a log (None: there is none), and the options of reading.
+    """Return the signals.toml of a log (None if it has no such file), and the options of
+    reading.
 
     Parameters
     ----------

@@ -165,7 +165,7 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return {"rear": name of the signal of the car's speed}; {}: there is none.
+    """Return {"rear": name of the signal of the car's speed}; {} if no signal is.
 
     This speed replaces missing wheel speeds. It is assigned to the rear axle. When the
     log is read, the front axle gets the same speed, so slip is unknown."""
@@ -478,7 +478,8 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
 
 
 def _guess_torque(recording: Recording, axle: str) -> Guess | None:
-    """Return the guess of an axle's wheel torque by name and unit; None: there is none.
+    """Return the guess of an axle's wheel torque by name and unit; None if no signal
+    fits.
 
     agree.py later compares torque / wheel radius with mass x accel_x."""
     for c in recording:

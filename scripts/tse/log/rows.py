@@ -532,7 +532,7 @@ def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
 
 
 def _suggest_remedy(missing: Collection[str]) -> str:
-    """Return the end of the message about missing columns, which says what to do."""
+    """Return the end of the message about missing columns, which states the remedy."""
     if any(c.endswith(("_left", "_right")) for c in missing):
         return ": both wheels of an axle are needed, or the axle's mean"
     if "steer_angle" in missing:

@@ -53,7 +53,7 @@ class _Message:
     line: int  # number of the line with its statement BO_
     identifier: int  # EXTENDED_BIT is set if the identifier is an extended one
     name: str  # clean name
-    length: int  # [bytes] -1: placeholder for a message that is left out
+    length: int  # [bytes] -1: the message is left out
     sender: str
     signals: dict[str, str] = field(default_factory=dict)  # clean name -> repaired statement SG_
     called: dict[str, str] = field(default_factory=dict)  # name in the file -> clean name

@@ -86,10 +86,10 @@ def _check_chains(path: Path) -> None:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
         start = _read_links(path, file, 64, b"##HD")
-        todo = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
+        chains_left = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
         met: set[tuple[bytes, int]] = set()  # (expected kind, byte) of each visited block
-        while todo:
-            kind, at = todo.pop()
+        while chains_left:
+            kind, at = chains_left.pop()
             chain: set[int] = set()
             while 0 < at < 1 << 62:
                 if at in chain or len(met) > MAX_BLOCKS:
@@ -104,7 +104,7 @@ def _check_chains(path: Path) -> None:
                 found = _read_links(path, file, at, kind, kind in LISTED_BLOCKS or len(chain) > 1)
                 for link, kinds in CHILD_BLOCKS[kind]:
                     if link < len(found) and found[link]:
-                        todo += [(k, found[link]) for k in kinds]
+                        chains_left += [(k, found[link]) for k in kinds]
                 at = found[0] if found and kind != b"##HL" else 0
 
 

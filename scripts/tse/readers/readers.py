@@ -177,7 +177,7 @@ def read_recording(path: Path, how: ReadOptions | None = None) -> Recording:
     Raises
     ------
     UserError
-        The log cannot be read. The message says what to do.
+        The log cannot be read. The message states the remedy.
     """
     path = Path(path)
     with limit_time(path), unpack_log(path) as plain:

@@ -222,9 +222,9 @@ LEGEND = (
     f"accel_y, yaw_rate. False valid: of the rows flagged valid, share in which the error exceeds {WRONG}. "
     "False invalid: of the rows in which the stiffness was clearly observable and its error below "
     f"{100 * scores.CLOSE:.0f} %, share not flagged valid. Reason right: of the rows in which the stiffness "
-    "was clearly unobservable, share whose reason for not valid says so. Faults reported: of the rows with a "
-    "missing or frozen channel, share that is not flagged valid or has the status that a measurement is "
-    "missing. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    "was clearly unobservable, share whose reason for not valid is this one. Faults reported: of the rows "
+    "with a missing or frozen channel, share that is not flagged valid or has the status that a measurement "
+    "is missing. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 

@@ -65,7 +65,7 @@ class Found:
 
     @property
     def formula(self) -> Formula | None:
-        """The proposed formula; None if there is none."""
+        """The proposed formula; None if no formula is proposed."""
         return self.discovery.formula if self.discovery else None
 
     @property
