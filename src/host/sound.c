@@ -3,6 +3,7 @@
  * Reals must be finite and of moderate size, and variances must not be negative. */
 #include "host/sound.h"
 #include "filter/filter.h"
+#include "filter/ud.h"
 #include "tables/constants.h"
 #include "tables/input.h"
 
@@ -104,6 +105,31 @@ static int is_along_sound(const tse_along *a)
   return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);
 }
 
+/* Return whether an element of U is sound.
+ *   Given:  d  [squared unit of the state] element of D of the same column */
+static int is_element_sound(tse_short u, tse_real d)
+{
+#if defined(TSE_REAL_FIXED)
+  return (void)d, sound_shorts(&u, 1);
+#else
+  return sound_reals(&u, 1, -MOST_U, MOST_U) && r_mul(r_mul(d, u), u) <= MOST_PART;
+#endif
+}
+
+/* Return whether the covariance of the default filter is sound. */
+static int is_covariance_sound(const tse_ud *p)
+{
+  int fine = sound_reals(p->d, TSE_STATES, TSE_R(0), MOST_VARIANCE)
+      && sound_reals(p->e, TSE_EXTRAS, TSE_R(0), MOST_VARIANCE)
+      && (p->extras == 0 || p->extras == MAX_EXTRAS);
+  for (int j = 0; j < TSE_STATES; j++)
+    for (int i = 0; i < j; i++) fine = fine && is_element_sound(p->u[ud_column(j) + i], p->d[j]);
+  for (int e = 0; e < TSE_EXTRAS; e++)
+    for (int j = 0; j < TSE_ALL; j++)
+      fine = fine && is_element_sound(p->w[e][j], j < TSE_STATES ? p->d[j] : p->e[j - TSE_STATES]);
+  return fine;
+}
+
 /* Return whether the default filter is sound.
  *   Given:  started  1: the filter has processed a row */
 static int is_kalman_sound(const tse_kalman *k, int started)
@@ -114,12 +140,7 @@ static int is_kalman_sound(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->since_slow, TSE_SLOW, TSE_R(0), MOST_REAL)
       && sound_reals(k->moved, 3, TSE_R(0), MOST_VARIANCE);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL)
-      && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
-  fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_VARIANCE);
-  fine = fine && (k->ud.extras == 0 || k->ud.extras == MAX_EXTRAS)
-      && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
-  fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_VARIANCE)
-      && is_velocity_sound(&k->velocity, k->ud.extras > 0);
+      && is_covariance_sound(&k->ud) && is_velocity_sound(&k->velocity, k->ud.extras > 0);
   fine = fine && sound_shorts(k->consider[0], TSE_CONSIDERED * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL)
       && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);

@@ -13,8 +13,10 @@
  *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by
  *                  the sd of a sensor, which may be as small as 1e-5
  *   MOST_VARIANCE  variances, in squared units of the state. Even if the motion is
- *                  unknown, its variances are smaller. MOST_VARIANCE MOST_REAL^2 does not
- *                  overflow in float */
+ *                  unknown, its variances are smaller
+ *   MOST_U         elements u of U: sqrt(MOST_VARIANCE/MIN_D). The part d u^2 that an
+ *                  element adds to a variance is at most MOST_PART. A larger one could
+ *                  overflow in float. In fixed point u is limited by its type */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
@@ -23,6 +25,8 @@
 #define MOST_REAL TSE_R(1e9)
 #define MOST_SQUARE TSE_R(1e18)
 #define MOST_VARIANCE TSE_R(1e13)
+#define MOST_U TSE_R(1e14)
+#define MOST_PART TSE_R(1e31)
 #endif
 
 /* Return whether lo <= x <= hi. */

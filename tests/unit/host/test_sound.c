@@ -193,8 +193,19 @@ static void row_held(tse_short *at, size_t bytes, const char *what)
   }
 }
 #define ROW_HELD(member) row_held((tse_short *)&forged.member, sizeof forged.member, #member)
+#define ELEMENT_HELD(at, d) row_held((tse_short *)(at), sizeof(tse_short), #at)
 #else
 #define ROW_HELD(member) ANY_SIGN(member)
+#define ELEMENT_HELD(at, d) element_held(at, d, #at)
+
+/* Check the limit of an element of U, in a column with the element d of D: it is at most
+ * 1e14, and d u^2 at most 1e31. The limit is approached to half of the step of held_to(),
+ * because u is rounded. */
+static void element_held(tse_real *at, tse_real d, const char *what)
+{
+  const tse_real most = real(fmin(1e14, sqrt(1e31 / number(d))) * 0.9995);
+  held_to(of_filter(at, sizeof *at, what), -most, most, 1);
+}
 #endif
 #define ANY_SIGN(member) HELD(member, -MOST_REAL, MOST_REAL)
 #define NOT_NEGATIVE(member) HELD(member, TSE_R(0), MOST_REAL)
@@ -303,7 +314,9 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
 {
   drive(0, 1);
   ANY_SIGN(filter.k.x);
-  ROW_HELD(filter.k.ud.u);
+  for (int j = 1; j < TSE_STATES; j++)
+    for (int i = 0; i < j; i++)
+      ELEMENT_HELD(&forged.filter.k.ud.u[j * (j - 1) / 2 + i], forged.filter.k.ud.d[j]);
   HELD(filter.k.ud.d, TSE_R(0), MOST_VARIANCE);
   ROW_HELD(filter.k.consider);
   for (int c_ = 0; c_ < TSE_SENSORS; c_++) {
@@ -354,7 +367,9 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
   WHOLE(filter.k.slow_turn, 0, TSE_SLOW - 1);
-  ROW_HELD(filter.k.ud.w);
+  for (int j = 0; j < TSE_ALL; j++)
+    ELEMENT_HELD(&forged.filter.k.ud.w[0][j],
+        j < TSE_STATES ? forged.filter.k.ud.d[j] : forged.filter.k.ud.e[j - TSE_STATES]);
   HELD(filter.k.ud.e, TSE_R(0), MOST_VARIANCE);
   for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) forged.filter.k.velocity.noise[c_] = TSE_R(1);
   WHOLE(filter.k.ud.extras, TSE_EXTRAS, TSE_EXTRAS);
