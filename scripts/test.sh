@@ -4,7 +4,7 @@
 # is missing is skipped, and the tool is named.
 #
 #   scripts/test.sh              run all tests except slow ones, in double with sanitizers
-#                                and in fixed point: 9 minutes on two cores
+#                                and in fixed point: 10 minutes on two cores
 #   scripts/test.sh --all        run all presets and also the tests that are marked slow, as
 #                                continuous integration does
 #   scripts/test.sh PRESET ...   test only these CMake presets, then run the Python tests
