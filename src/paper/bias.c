@@ -3,6 +3,7 @@
  * the process noise Q and the sensor noise R are diagonal, and each bias affects one
  * channel. P therefore stays diagonal: one variance per channel. */
 #include "paper/paper.h"
+#include "tables/input.h"
 
 #define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias, for numerics */
 #define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sigma^2] max variance of a bias, for numerics: 2^24 */
@@ -12,6 +13,16 @@ void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 {
   for (int a = 0; a < 3; a++)
     f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MAX_BIAS_VARIANCE);
+}
+
+/* Return the max magnitude of the bias of a channel [sigma]. A sensor cannot be off by
+ * more than the range of its channel. With unrealistic settings and rows the motion of a
+ * particle can diverge. Without this limit, the bias would then follow it to thousands of
+ * m/s2. */
+static tse_real find_max_bias(const tse_params *p, int channel)
+{
+  const channel_row *const row = &channel_rows[(int)TSE_CHANNEL_accel_x + channel];
+  return r_min(MAX_BIAS, r_mul(row->hi, p->inv_sd[channel]));
 }
 
 /* Compute the quantities of equations (22) to (25) that are common to all particles,
@@ -24,6 +35,7 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
     const tse_real ph = r_mul(f->bias_var[a], y->use[a]);
     c.l[a] = r_div(TSE_R(1), r_sqrt(ph + TSE_R(1)));
     c.gain[a] = r_mul(c.l[a], ph);
+    c.max_bias[a] = find_max_bias(p, a);
   }
   c.nut = f->nu - TSE_R(2);
   c.inv_nut = r_div(TSE_R(1), c.nut);
@@ -33,7 +45,7 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
   return c;
 }
 
-static tse_real clip_bias(tse_real b) { return r_clamp(b, -MAX_BIAS, MAX_BIAS); }
+static tse_real clip_bias(tse_real b, tse_real max) { return r_clamp(b, -max, max); }
 
 /* Correct the biases of every particle by the bias gains times the innovation given w,
  * i.e. the innovation that uses the drawn w of the particle. */
@@ -48,9 +60,9 @@ static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RE
     const tse_real e1 = y->y[1] - o.h2 - r_mul(o.d21, w0) - r_mul(o.d22, w1) - r_mul(o.d23, w2)
         - q->bias[1][i];
     const tse_real e2 = y->y[2] - r_mul(q->x[2][i], p->inv_sd[2]) - q->bias[2][i];
-    q->bias[0][i] = clip_bias(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)));
-    q->bias[1][i] = clip_bias(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)));
-    q->bias[2][i] = clip_bias(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)));
+    q->bias[0][i] = clip_bias(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)), c->max_bias[0]);
+    q->bias[1][i] = clip_bias(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)), c->max_bias[1]);
+    q->bias[2][i] = clip_bias(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)), c->max_bias[2]);
   }
 }
 
