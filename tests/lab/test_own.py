@@ -5,7 +5,7 @@ car is one of tests/cars, with 14 degrees of freedom.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +169,14 @@ def test_another_car_or_log_is_another_entry(case, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows[:-1]) + "\n")
     keys.add(own._compute_key(car, [read_log(tmp_path / "log.csv")]))
     assert len(keys) == 4
+
+
+@pytest.mark.parametrize("step", [0.005, 0.01, 0.02, 0.1])
+def test_the_part_that_calibrates_a_car_lasts_as_long_at_every_sample_time(case, step):
+    log = read_log(case.log)
+    slow = replace(log, time=log.time[0] + step * np.arange(len(log)), sample_time=step)
+    part = own._select_part(slow, 8.0)
+    assert len(part) * step == pytest.approx(8.0, abs=step)
 
 
 def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_path):

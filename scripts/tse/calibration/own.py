@@ -160,7 +160,8 @@ def _make_cache_path(name: str) -> Path | None:
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
     """Return the part of a log, `seconds` long, in which the car turns most."""
-    return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
+    sample_time = min(log.sample_time or 0.01, 0.01)  # select_liveliest() allows for a longer one
+    return select_liveliest(log, max(1, round(seconds / sample_time)))
 
 
 def _compute_key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
