@@ -64,7 +64,11 @@ class Change:
     `time` [s] is the time at which the change began. `believed` [s] is the time after
     which the estimates describe the new road. If it is None, this time is `time`. `ratio`
     has a pair for each stiffness that the change affects: value after / value before, and
-    the sd of this ratio. The sd is NaN if it is unknown."""
+    the sd of this ratio. The sd is NaN if it is unknown.
+
+    `probability` is the probability that nothing has changed since this change: a false
+    change is followed by another one. It is not the probability of the change itself,
+    which the filter does not estimate."""
 
     time: float
     kind: int
@@ -78,8 +82,7 @@ class Change:
 
     @property
     def label(self) -> str:
-        known = f", {format_percent(self.probability)}" if np.isfinite(self.probability) else ""
-        return f"{self.what} at {self.time:.2f} s{known}"
+        return f"{self.what} at {self.time:.2f} s"
 
     @property
     def effect(self) -> str:

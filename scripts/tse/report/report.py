@@ -132,12 +132,14 @@ def list_events(
     changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
 ) -> list[tuple[str, str, str, str]]:
     """Return time, name, probability and effect of each event as strings, in order of
-    time. If there are more than MAX_TABLE_EVENTS events, return the most probable
-    ones."""
-    rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
-    rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
+    time. If there are more than MAX_TABLE_EVENTS events, return those with the largest
+    probability. The filter does not estimate the probability of a change: it is empty."""
+    rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, "", c.effect) for c in changes]
+    for s in spells:
+        when, shown = f"{s.start:.2f} .. {s.end:.2f} s", regimes.format_percent(s.probability)
+        rows.append((s.start, when, s.name, s.probability, shown, ""))
     likeliest = sorted(rows, key=lambda r: -r[3])[:MAX_TABLE_EVENTS]
-    return [(when, what, regimes.format_percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
+    return [(when, what, shown, effect) for _, when, what, _, shown, effect in sorted(likeliest)]
 
 
 def pack_text(text: str | bytes) -> Markup:
