@@ -1,11 +1,12 @@
-/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model. Studies use it
- * as the reference.
+/* fmu/SingleTrackVehicle/model.c - the simulator of tse/simulate.h as a co-simulation
+ * model. It takes the place of a real car: its outputs are the readings of the sensors and
+ * the true values, with which an importer can compare the estimates.
  *
  * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
- * logs at t + h, and the true values. The inputs at t + h are the inputs that the
- * importer set at t. If it also set their time derivatives, h times these is added. With
- * parameter ramp = 1, inputs change linearly during the step; with 0, they jump at its
- * start. */
+ * logs at t + h, and the true values at t + h. The inputs at t + h are the values that the
+ * importer set at t. If the importer also set the time derivative of an input, h times
+ * this derivative is added to the input. With parameter ramp = 1, inputs change linearly
+ * from t to t + h. With ramp = 0, they jump at t to the values that the importer set. */
 #include <stdio.h>
 #include <string.h>
 
@@ -170,7 +171,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   }
   const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
-    /* the stiffness of this step was drawn at its start, with the road of that time */
+    /* Begin the step at the inputs that were set for it, so that they jump. Keep the road
+     * of the last row: the simulator drew the stiffness of this step in that row, for the
+     * road of that row. */
     from.road_level = m->sim.last.road_level;
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;

@@ -15,8 +15,8 @@ typedef struct model {
   tse_sim_input rate;      /* [unit of the input / s] time derivatives of the inputs for the next step */
   int32_t ramp;            /* 1: inputs change linearly during a step; 0: they jump at its start */
   tse_sim_output y;        /* row at the last communication point */
-  tse_setting mean_si[3];  /* [N, N/rad, N/rad] true mean stiffness */
-  tse_setting drawn_si[3]; /* [N, N/rad, N/rad] random stiffness of this row */
+  tse_setting mean_si[3];  /* [N, N/rad, N/rad] true mean stiffness at this row */
+  tse_setting drawn_si[3]; /* [N, N/rad, N/rad] true stiffness of this row, drawn at random about mean_si */
   tse_sim sim;
 } model;
 

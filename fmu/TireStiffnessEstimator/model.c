@@ -1,9 +1,9 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
- * A step from t to t + h takes the inputs as the sample at time t, like a row of a log.
- * The outputs at t + h are the estimates after this sample. The dt of a sample is the
- * time since the previous sample. For a log, all bits of the outputs equal those of
- * tse_step(). */
+ * A step from t to t + h processes one sample: the values of the inputs at time t. The
+ * outputs at t + h are the estimates after this sample. The dt of a sample is the time
+ * since the previous sample. If the samples are the rows of a log, the outputs are equal,
+ * bit for bit, to the estimates of tse_step() from the same rows. */
 #include <stdio.h>
 #include <string.h>
 
@@ -178,11 +178,13 @@ void model_note_set(model *m, const fmu_variable *v, double value)
     m->set[find_set_index(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
-/* Compute the settings with which the filter runs. If m->exact is 0, they are the
- * parameters. If it is 1, a parameter that the importer has set keeps its value, and all
- * other parameters get their values of tse_config_exact(). Some importers first set every
- * parameter to its start value. If all parameters have been set, those that were set to
- * their start values therefore count as not set. */
+/* Compute the settings with which the filter runs. If m->exact is 0, the settings are the
+ * values of the parameters. If m->exact is 1, a parameter that the importer has set keeps
+ * its value, and every other parameter gets the value that tse_config_exact() gives it.
+ *
+ * Some importers set every parameter, also the parameters that the user has not changed:
+ * to their start values. If all parameters have been set, a parameter that was set to its
+ * start value therefore counts as not set. */
 static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;
@@ -301,9 +303,11 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the largest of several warning codes. If a channel is missing, the text
-   * names the channel, unless there is a code from TSE_W_GAP on. While the channel is
-   * missing, each step thus has the same text, which is logged once. */
+  /* Choose the text of the warning. A text that is equal to the text of the previous step
+   * is not logged again. While a channel is missing, the text names this channel, because
+   * `status`, the largest of several warning codes, may change from step to step. Codes
+   * from TSE_W_GAP upwards are more important than a missing channel: the text then
+   * describes the code. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

@@ -13,7 +13,7 @@ enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 /* Arrays of three are in the order of TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. */
 typedef struct model {
   tse_config config;      /* values of the parameters as the importer sees them */
-  int32_t exact;          /* 1: a parameter that is not set has its value of tse_config_exact() */
+  int32_t exact;          /* 1: a parameter that is not set gets the value of tse_config_exact() */
   uint8_t set[SETTINGS];  /* NOT_SET .. SET_TO_ANOTHER. Index: offset of the parameter in config / 4 */
   tse_config used;        /* settings with which the filter runs */
   tse_setting nominal[3]; /* [N, N/rad, N/rad] nominal stiffness */
@@ -23,7 +23,7 @@ typedef struct model {
   tse_output y;           /* outputs of the last row */
   tse_setting mean[3];    /* [N, N/rad, N/rad] mean stiffness */
   tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
-  tse_setting spread[3];  /* [N, N/rad, N/rad] tse_output.stiffness_spread */
+  tse_setting spread[3];  /* [N, N/rad, N/rad] tse_output.stiffness_spread, converted from relative to SI */
   tse_setting secant[3];  /* [N, N/rad, N/rad] secant stiffness: force / slip, force / slip angle */
   int32_t valid[3];       /* 1: the stiffness is valid */
   int32_t all_valid;      /* 1: all three stiffnesses are valid */
@@ -31,7 +31,7 @@ typedef struct model {
   int32_t rows;           /* 0: no row has been processed; 1: there has been a row */
   double time;            /* [s] time of the last row */
   tse_params params;
-  tse_filter_paper memory; /* the filter. This type is large enough for both filters */
+  tse_filter_paper memory; /* the filter. The type has room for the default and for the paper's filter */
 } model;
 
 #endif

@@ -21,9 +21,9 @@
 /* A unit. */
 typedef struct unit {
   const char *name;    /* name in the tables of include/tse */
-  const char *fmi;     /* name in FMI */
-  const char *type;    /* FMI type of the variables with this unit */
-  int has_base;        /* 1: it is a product of integer powers of SI base units; 0: it is not */
+  const char *fmi;     /* name of the unit in FMI */
+  const char *type;    /* name of the FMI type for variables with this unit */
+  int has_base;        /* 1: the unit is a product of integer powers of SI base units; 0: it is not */
   int kg, m, s, rad;   /* exponents of the base units, if has_base is 1 */
   const char *display; /* unit in which importers show values; NULL: the unit itself */
   double factor;       /* value in the display unit = factor * value in this unit */
@@ -78,7 +78,8 @@ static int is_used(const unit *u, int fmi)
   return 0;
 }
 
-/* Return the shortest decimal number, of 6 to 17 digits, that is read as x again. */
+/* Return x as text: the shortest decimal number, of 6 to 17 digits, from which a program
+ * reads exactly x again. */
 static const char *format_number(double x)
 {
   static char text[40];
@@ -122,8 +123,8 @@ static void end_type(enumerations *e)
   e->open = NULL;
 }
 
-/* Print a code of an enumeration type. If the type is not that of the previous code,
- * close the element of the previous type and open that of this one. */
+/* Print a code of an enumeration type. If `type` differs from the type of the previous
+ * code, first close the XML element of the previous type and open the element of `type`. */
 static void print_code(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   enumerations *const e = to;
@@ -256,7 +257,8 @@ static void print_outputs(const char *element, const char *dependencies)
   (void)printf("    </%s>\n", element);
 }
 
-/* Print modelDescription.xml up to the root element's attributes. */
+/* Print the beginning of modelDescription.xml: the XML declaration and the start tag of
+ * the root element with its attributes. */
 static void print_head(int fmi)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
@@ -288,10 +290,11 @@ static void print_middle(int fmi)
 }
 
 /* Attribute that lists the inputs on which an output depends at a communication point.
- * The list is empty, because an input takes effect at the end of the next step. */
+ * The list is empty, because an input that is set at a communication point does not change
+ * the outputs at this point. It changes them at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
-/* The same attribute for initialization mode: left out. FMI then assumes that an output
- * depends on all parameters and inputs, which is the case here. */
+/* The same attribute for initialization mode. It is left out. FMI then assumes that an
+ * output depends on all parameters and inputs, and in initialization mode it does. */
 #define AT_START ""
 
 static void print_model2(int files, char **file)
@@ -436,7 +439,7 @@ static void print_code_row(void *to, const char *type, int32_t code, const char 
 }
 
 /* Return the length of the group in a structured name. The group is the part before the
- * last dot. */
+ * last dot, as "vehicle" in "vehicle.mass". Return 0 if the name has no dot. */
 static size_t find_group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');

@@ -5,8 +5,8 @@
 
 typedef fmi3Status fmi_status;
 
-/* Call the importer's log function. It has no argument for the name of the instance: the
- * importer identifies the instance by `environment`. */
+/* Call the importer's log function. In FMI 3.0 this function has no argument for the name
+ * of the instance: the importer identifies the instance by `environment`. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
     const char *category, const char *text)
 {
@@ -123,7 +123,7 @@ GLUE_STATES(fmi3, FMUState, DeserializeFMUState)
 
 /* ----------------------------------------------------------------------------- refused: not supported */
 
-/* Define a function that refuses every call for this reason. */
+/* Define a function of FMI that refuses every call and logs the reason `why`. */
 #define REFUSE(name, arguments, why) GLUE_CALL(name, arguments, glue_refuse(s, function, why))
 static const char no_events[] = "there is no event mode (hasEventMode is false)";
 static const char no_exchange[] = "only co-simulation is supported";

@@ -22,11 +22,13 @@ typedef struct fmu_variable {
                      * 'i': Integer, 'b': Boolean, 'e': Enumeration, each an int32_t */
   char role;        /* 'p': parameter, 'i': input, 'o': output, 't': time */
   int32_t offset;   /* [bytes] offset in `model` */
-  int32_t rate;     /* [bytes] offset in `model` of the time derivative of an input, which
-                     * extrapolates the input during a step. FMU_NO_RATE: none */
+  int32_t rate;     /* [bytes] offset in `model` of the time derivative that extrapolates
+                     * an input during a step. FMU_NO_RATE: no time derivative */
   double start;     /* start value of a parameter or input */
   double lo, hi;    /* range; there is no range if hi < lo. A parameter outside its range is
-                     * refused, except its start value. model_step() checks the inputs. */
+                     * refused, unless it is equal to `start`: a start value may lie
+                     * outside the range, as 0 for "not set". model_step() checks the
+                     * inputs */
   const char *unit; /* Real: unit as in the tables of include/tse. Enumeration: name of its
                      * type. Otherwise "" */
   const char *text; /* description */

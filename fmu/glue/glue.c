@@ -33,9 +33,10 @@ typedef struct snapshot {
 static instance instances[FMU_INSTANCES];
 static snapshot snapshots[FMU_STATES];
 
-/* take_place(): if a place is free, mark it as in use and return 1, otherwise return 0.
- * free_place(): mark a place as free. Both are atomic, because several threads may search
- * for a free place at the same time. */
+/* A place is an element of the array `instances` or `snapshots`; `taken` is its member.
+ * take_place(): if the place is free, mark it as in use and return 1; otherwise return 0.
+ * free_place(): mark the place as free. Both functions are atomic, because several threads
+ * may search for a free place at the same time. */
 #if defined(__GNUC__)
 static int take_place(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
 static void free_place(volatile long *taken) { __sync_lock_release(taken); }
@@ -56,8 +57,9 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in FMI they
- * begin a format and a reference to a variable, and importers treat them differently. */
+/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in a log text of
+ * FMI, '%' begins a format and '#' a reference to a variable. Not all importers replace
+ * them in the same way. */
 static void emit_line(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
@@ -153,7 +155,7 @@ static int check_count(const instance *s, size_t values, size_t wanted, const ch
   return 0;
 }
 
-/* Return FMI's name of the type of a kind of variables. */
+/* Return the name that FMI has for the type of variables of this kind, for messages. */
 static const char *get_type_name(const instance *s, char kind)
 {
   switch (kind) {
@@ -205,8 +207,9 @@ glue_status glue_check_empty(const instance *s, size_t count, const char *functi
 /* Return the address of a variable in the model. */
 static void *find_variable_memory(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
-/* Return the value of an element as double, the type of real variables in FMI. The model
- * holds a parameter as tse_setting and any other real variable as tse_real. */
+/* Return the value of one element of a variable; a scalar has only element 0. The result
+ * is a double, as the real variables of FMI are. In the model, a real parameter is a
+ * tse_setting and every other real variable is a tse_real. */
 static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
 {
   if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
@@ -387,8 +390,9 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers compute the time of a step in different ways. The tolerance is 1 % of the
-   * step plus the rounding error of a sum of many steps in double. */
+  /* Compare the time that the importer passes with the end of the last step. They may
+   * differ a little, because importers compute the time of a step in different ways. The
+   * tolerance is 1 % of the step plus the rounding error of a sum of many steps in double. */
   const double error = time - s->c.now, size = time < 0.0 ? -time : time;
   const double tolerance = 0.01 * step + 1e-14 * size;
   const int is_finite = time - time == 0.0; /* needed: the tolerance of an infinite time is infinite */
@@ -522,16 +526,19 @@ glue_status glue_serialize_state(
   return GLUE_OK;
 }
 
-/* Return a limit of a parameter, rounded as the model rounds the parameter. */
+/* Return a limit of a parameter, rounded to the number format of the settings. The model
+ * rounds the parameter in the same way. A parameter that was set to its limit is therefore
+ * not outside its range after the rounding. */
 static double round_limit(const fmu_variable *v, double limit)
 {
   return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
 }
 
-/* Return 1 if every value of a deserialized state is possible, otherwise 0. An attacker
- * can compute the checksum of wrong values. Outputs are not checked, because no later
- * value depends on them.
- *   Returned:  wrong  the parameter outside its range; not changed by any other error */
+/* Return 1 if every value of a deserialized state is possible, otherwise 0. The checksum
+ * is not enough, because an attacker can compute the checksum of wrong values, too.
+ * Outputs are not checked, because no later value depends on them.
+ *   Returned:  wrong  the parameter that is outside its range; unchanged if the state has a
+ *                     different error or none */
 static int check_content(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;

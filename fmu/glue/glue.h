@@ -11,7 +11,8 @@
 
 #include "fmu_model.h"
 
-/* FMI prescribes the arguments of each function. The FMUs do not use all of them. */
+/* Switch off the warning about unused arguments: FMI prescribes the arguments of each
+ * function, and the FMUs do not use all of them. */
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -52,7 +53,7 @@ enum {
  * glue_api.emit() casts it to that type. */
 typedef void glue_function(void);
 
-/* Names and features of one version of FMI. */
+/* Names and features of one version of FMI. The names are for messages. */
 typedef struct glue_api {
   const char *terminate;  /* name of the function that ends a run */
   const char *token;      /* name of the attribute that identifies a model description */
@@ -152,12 +153,13 @@ glue_status glue_exit_initialization(instance *s, const char *function);
 glue_status glue_terminate(instance *s, const char *function);
 glue_status glue_reset(instance *s);
 
-/* Return the time [s] at the end of the last step, or before the first step the start
+/* Return the time [s] at the end of the last step. Before the first step, return the start
  * time. */
 double glue_get_time(const instance *s);
 
-/* Define a function of FMI. It finds the instance `s` to which its argument `c` points,
- * and returns the result of the expression `call`, such as glue_free_state(s, ...).
+/* Define a function of FMI. The function finds the instance `s` to which its argument `c`
+ * points, and returns the result of the expression `call`, such as
+ * glue_free_state(s, ...). If `c` points to no instance, it returns GLUE_ERROR.
  * fmi_status is the status type of FMI. */
 #define GLUE_CALL(name, arguments, call)                    \
   fmi_status name arguments                                 \
@@ -171,8 +173,8 @@ double glue_get_time(const instance *s);
 /* ---- values. A call checks all its values before it sets the first. A refused call
  * therefore sets no value. */
 
-/* If a value was set in initialization mode, compute the outputs again.   Returned: 0 if
- * the model refuses a value, otherwise 1 */
+/* In initialization mode, compute the outputs again if a value was set since they were
+ * computed.   Returned: 0 if the model refuses a value, otherwise 1 */
 int glue_update_outputs(instance *s, const char *function);
 
 /* Check that this variable may be set to this value in the current phase. */
@@ -226,7 +228,7 @@ void glue_mark_stale(instance *s);
     if (nvr == 0) return (fmi_status)glue_check_empty(s, count, function);                               \
     if (!glue_check_variables(s, vr, nvr, value, count, kind, #Type, function))                          \
       return (fmi_status)GLUE_ERROR;                                                                     \
-    /* refuse outputs. All arrays are outputs, so that the next loop needs no elements */                \
+    /* this loop refuses outputs, and so all arrays: value[i] belongs to variable vr[i] */               \
     for (size_t i = 0; i < nvr; i++)                                                                     \
       if (!glue_check_value(s, glue_find_variable(s, vr[i]), (double)(to_number), function))             \
         return (fmi_status)GLUE_ERROR;                                                                   \

@@ -24,9 +24,10 @@
 
 /* Settings, in SI units. Fill the struct with tse_config_default(), then set the values
  * of your car, at least the mass. Mass, yaw inertia and stiffness may also be 0, although
- * their ranges do not include 0: this value means "not set". By default the effects that
- * all cars have are on (body_roll_gain, relaxation_length ...), and the strengths of all
- * other effects are 0, which switches them off. Column `filter` of
+ * their ranges do not include 0: this value means "not set". An effect is a property of
+ * car, sensors or road that the plain single-track model leaves out. By default the
+ * effects that all cars have are on (body_roll_gain, relaxation_length ...), and the
+ * strengths of all other effects are 0, which switches them off. Column `filter` of
  * src/tables/effects.toml states which filter uses an effect. */
 typedef struct tse_config {
   // clang-format off: table config_members

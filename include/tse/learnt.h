@@ -20,7 +20,7 @@
  *    16  u32       degrees of freedom nu of the process sd; particle filter only
  *    20  q24 x 11  means: biases of accel_x and accel_y [m/s2] and of yaw_rate [rad/s];
  *                  ln(x / value in the settings) for x = cx_front, cy_front, cy_rear and
- *                  grip; steering offset [rad], error of the steering ratio [1], latency
+ *                  grip; steering offset [rad], true / logged steering angle - 1, latency
  *                  of the steering [s], front wheel radius in the settings / true one - 1
  *    64  q24 x 11  sd of each mean; 0: this mean has not been learnt
  *   108  q14 x 55  correlations of the means i and j > i, in the order 01 02 .. 12 13 ..;
@@ -41,7 +41,9 @@
  * The hash `vehicle` is computed from the vehicle settings, from mass to
  * rear_longitudinal_follows_front in tse_config, in single precision. These settings must
  * not change between drives, because the saved stiffness is relative to them. Settings of
- * sensors, filter, particles and seed may change, because biases are stored in SI units.
+ * sensors, filter, particles and seed may change. Biases do not depend on them, because
+ * biases are stored in SI units. Noise and grip are stored relative to their settings: if
+ * such a setting changes, the loaded noise or grip changes in proportion.
  *
  * The learnt state is not a snapshot: it leaves out velocities, particles and weights. To
  * interrupt and continue a drive, copy the tse_filter. */
@@ -81,10 +83,11 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
  *                                    learnt_walk_day^2 times the days, at most the
  *                                    variance in the settings
- *              process sd            Paper's filter only. As saved, at most spread_max.
- *                                    The variance of the mean is added to the square of
- *                                    this sd. The sum counts as the result of initial_dof
- *                                    samples
+ *              process sd            Paper's filter only. The process variance becomes the
+ *                                    square of the saved sd plus the variance of the mean
+ *                                    (above), so that the particles can follow a changed
+ *                                    road. It is at most spread_max^2, and has the weight
+ *                                    of initial_dof samples
  *              bias                  Its variance grows at the rate of the random walk
  *                                    *_bias_walk, up to *_bias_sd^2. Meanwhile its mean
  *                                    decays, and is 0 when the variance reaches this
@@ -92,7 +95,7 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *                                    the slope of the last road
  *              noise, correlations   As saved
  *              grip, steering,       Their sd is at least a tenth of the sd in the
- *              wheel radius          settings, and at most this sd
+ *              wheel radius          settings, and at most the sd in the settings
  *   A stiffness that has never been learnt starts from the settings. If the filter
  *   restarts because its state is not finite, each stiffness starts from the settings. */
 tse_status tse_learnt_load(

@@ -67,16 +67,17 @@
 extern "C" {
 #endif
 
-/* Fill c with the defaults of tse/config.h: an ordinary car that is not calibrated, with
- * the mean and the uncertainty of its class (src/tables/uncalibrated.toml). Then set the
- * known values of your car in any order: mass, lf, lr, driven_axle, wheel radii.
- *   stiffness or      tse_prepare() uses the value that cars of the class with this mass
- *   yaw inertia 0     and these axles have
- *   mass 0            The mass is unknown: tse_prepare() uses the mass of the class, with
- *                     an sd of 30 %. No stiffness becomes valid: the reason of each is
+/* Fill c with the defaults of tse/config.h: an ordinary passenger car that is not
+ * calibrated. Each parameter has the mean and the standard deviation of passenger cars
+ * (src/tables/uncalibrated.toml). After this call, set the known values of your car in any
+ * order: mass, lf, lr, driven_axle, wheel radii.
+ *   stiffness or      tse_prepare() uses the value of an ordinary car with the mass, lf and
+ *   yaw inertia 0     lr in c
+ *   mass 0            The mass is unknown: tse_prepare() uses the mass of an ordinary car,
+ *                     with an sd of 30 %. No stiffness becomes valid: the reason of each is
  *                     TSE_PARAMETERS_UNCERTAIN
  *   c NULL            no effect
- * The C library, the FMU, Python, the page and the command line have the same defaults.
+ * The C library, the FMU, Python, the web page and the command line have the same defaults.
  * The command `tselab calibrate` finds smaller uncertainties from logs of the car. */
 void tse_config_default(tse_config *c);
 
@@ -115,8 +116,8 @@ void tse_config_robust(tse_config *c);
  *              a string constant */
 tse_status tse_config_check(const tse_config *c, const char **wrong);
 
-/* Check the settings and compute the constants of the filter. Forces are divided by the
- * mass, and measurements by the sd of their sensor.
+/* Check the settings and compute the constants of the filter. In these constants, forces
+ * are divided by the mass of the car, and measurements by the noise sd of their sensor.
  *   Updated:   p  constants; unchanged if the result is negative
  *   Returned:  as tse_config_check(), or TSE_E_FORMAT: a constant does not fit the
  *              fixed-point format of this build. *wrong then names the setting */

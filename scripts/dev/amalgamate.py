@@ -6,13 +6,17 @@
     python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
         write these options into both files as defaults
 
-scripts/dropin/README.md says how to compile them. The files of src are joined in the
-order of src/CMakeLists.txt. A function or variable that is not part of the public API
-becomes static. Macros replace the options of CMakeLists.txt: TSE_REAL_FLOAT,
-TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
-TSE_FORMULA. TSE_NO_DESCRIBE exists in these two files only: it removes the tables of
-texts, which a linker cannot remove from a single object file. The same sources and
-options give the same bytes. The script needs Python only.
+scripts/dropin/README.md describes how to compile the two files. tse.c contains the files
+of src, in the order of src/CMakeLists.txt. In tse.c, each function or variable that is
+not part of the public API is static.
+
+The two files have no CMake options. The user selects the same options by macros:
+TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS,
+TSE_NO_PARTICLES, TSE_FORMULA. One more macro, TSE_NO_DESCRIBE, removes the tables of
+names and texts. The build of the library does not need it: there the tables are in an
+object file of their own, which the linker leaves out if they are not used.
+
+The same sources and options give the same bytes. The script needs Python only.
 """
 
 from __future__ import annotations
@@ -43,7 +47,7 @@ TOKEN = re.compile(
 
 
 class Wrong(Exception):
-    """This script cannot read the sources. The message names the place."""
+    """The script cannot read a source. The message names the file or declaration."""
 
 
 # ---- sources, as listed by the build
@@ -143,9 +147,10 @@ def parse_declaration(row: list[Token]) -> Declaration:
 
 
 def find_macros(text: str) -> list[str]:
-    """Return the macros that are still defined at the end of a source, in their order.
+    """Return the macros that are defined at the end of a source, in the order of their
+    definitions.
 
-    Conditions of the preprocessor are not evaluated: both branches count.
+    #if and #else are ignored: a #define or #undef counts in every branch.
     """
     left: dict[str, None] = {}
     for what, name in re.findall(r"^[ \t]*#[ \t]*(define|undef)[ \t]+(\w+)", text, re.M):
@@ -192,7 +197,9 @@ def make_static(text: str, public: set[str]) -> str:
 
 
 class Amalgamation:
-    """Makes the texts of tse.h and tse.c. `defaults`: default values of build options."""
+    """Makes the texts of tse.h and tse.c.
+
+    `defaults`: values that options of the build have if the user defines no macro."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
@@ -205,7 +212,8 @@ class Amalgamation:
         """Return a header of include/tse, with the headers that it includes inserted.
 
         A header that is already part of tse.h is not inserted again. Headers keep their
-        include guards, for programs that include tse/tse.h, too.
+        include guards, so that a program can include both tse.h and the header tse/tse.h
+        of the library.
         """
         if name in self.header_done:
             return ""
@@ -213,7 +221,7 @@ class Amalgamation:
         text = FORMATTER.sub("", (ROOT / "include" / name).read_text())
 
         def put(m: re.Match[str]) -> str:
-            if not m[1].startswith("tse/"):  # a header of the tests with another type tse_real
+            if not m[1].startswith("tse/"):  # strong_real.hpp: a number type for tests only
                 return '#error "TSE_REAL_STRONG is for the tests of the library\'s own sources"\n'
             return self.copy_public_header(m[1])
 
@@ -274,9 +282,10 @@ class Amalgamation:
     def read_parts(self) -> dict[str, str]:
         """Return the text of each file of src, in the order of the build.
 
-        A header without an include guard is inserted into the file that includes it,
-        because it uses names that this file has defined above. Aliases that add the
-        number format to a name are removed, because the functions become static.
+        A header without an include guard is inserted at its #include line, because it
+        uses names that the including file has defined above this line. Macros that add
+        the number format to the name of a function (TSE_NAME) are removed: a static
+        function cannot clash with the same function in another number format.
         """
         texts = {name: remove_c_plus_plus(ROOT / "src" / name) for name in self.sources.files}
         fragments = {
@@ -309,9 +318,9 @@ class Amalgamation:
 def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     """Find names that several files define. Return for each file: old name -> new name.
 
-    For example, `factor` of host/simulate.c becomes `simulate_factor`. A file uses the
-    definition that is in the file itself or in a header that it includes, directly or
-    not.
+    For example, `factor` of host/simulate.c becomes `simulate_factor`. In each file, a
+    name means the definition in the file itself or in a header that the file includes,
+    directly or through other headers.
     """
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
@@ -342,9 +351,10 @@ def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
 
 
 def remove_c_plus_plus(path: Path) -> str:
-    """Return a file without its extern "C" blocks.
+    """Return the text of a file without the lines of extern "C" and of clang-format.
 
-    The declarations of the public functions in tse.h have extern "C"."""
+    In tse.c, these lines are not needed: it includes tse.h, where the public functions
+    are declared with extern "C"."""
     return FORMATTER.sub("", C_PLUS_PLUS.sub("", path.read_text()))
 
 

@@ -5,8 +5,8 @@
     .venv/bin/python scripts/dev/api_tables.py --check
         fail if the file is out of date; a test runs this
 
-The names come from the tables of the C library. They are written to a file, and not made
-at run time, so that type checkers and editors can read them.
+The names come from the tables of the C library. They are written to a file because type
+checkers and editors read files: names that are made at run time are invisible to them.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def format_docstring(text: str, unit: str = "") -> str:
 
 
 def write_row() -> list[str]:
-    """Return the members of class Row."""
+    """Return the lines of code that declare the members of class Row, one sample."""
     lines = []
     for f in library().fields(INPUT):
         if f.name in ("missing", "given"):
@@ -69,12 +69,12 @@ def write_row() -> list[str]:
 
 
 def find_stiffness(f: Field) -> str | None:
-    """Return the stiffness to which a field belongs, or None."""
+    """Return the name of the stiffness to which a field belongs, or None if to none."""
     return next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
 
 
 def write_estimate() -> list[str]:
-    """Return the members of class Estimate."""
+    """Return the lines of code that declare the members of class Estimate."""
     lines = [
         "    time: float",
         format_docstring("time of the row: its `time` or, if rows have none, the sum of `dt`", "s"),
@@ -117,7 +117,7 @@ def write_estimate() -> list[str]:
 
 
 def write_module() -> str:
-    """Return the text of the module."""
+    """Return the text of scripts/tse/_tables.py."""
     lib = library()
     status = []
     for code, f in sorted(lib.codes(STATUS).items()):

@@ -1,18 +1,21 @@
 #!/usr/bin/env python3
-"""Measure what a row costs on microcontrollers: instructions, flash, RAM and stack.
+"""Measure the cost of the filter on microcontrollers.
+
+The cost: instructions for a row of the log, bytes of flash, RAM and stack.
 
     python3 scripts/dev/budgets.py
         measure all targets; write scripts/results/budgets.md; fail if a limit is exceeded
     python3 scripts/dev/budgets.py --short
         measure the targets marked `short`, as the tests do
     python3 scripts/dev/budgets.py --profile FROM TO
-        print how many instructions each function executes in these rows of the drive, on
-        the first target
+        print how many instructions each function executes in rows FROM .. TO - 1 of the
+        drive, on the first target
 
-tests/budgets.toml has the targets and their limits. A count is the number of instructions
-that qemu executes, not of clock cycles. With -icount shift=6, an instruction takes 64 ns
-of emulated time, which the timer SysTick measures. Each run checks the count with a loop
-of known length. Counts are the same in every run and on every host.
+tests/budgets.toml has the targets and their limits. The programs run in the emulator
+qemu. A count is the number of instructions that qemu executes. Clock cycles are not
+measured. With -icount shift=6, each instruction takes 64 ns of emulated time, and the
+timer SysTick of the emulated processor measures this time. Each run also counts a loop of
+known length, to check the method. Counts are the same in every run and on every host.
 """
 
 import argparse
@@ -46,14 +49,14 @@ OPTIONS = (
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions in the loop of known length that checks the count
-# [bytes] assumed stack of a function of libc or libgcc. The compiler does not report the
-# stack of these functions. memcpy and sqrt need less.
+# [bytes] assumed stack of a function of libc or libgcc, because the compiler reports no
+# stack for these functions. The functions in use, such as memcpy and sqrt, need less.
 EXTERNAL = 64
 
 
 @dataclass
 class Measured:
-    """Cost of a row on one target, and its limits."""
+    """Cost of the filter on one target, and the limits of the target."""
 
     name: str
     limits: dict[str, dict[str, float]]  # key: quantity of QUANTITIES; value: `goal`, `limit`
@@ -87,7 +90,7 @@ def format_value(x: float) -> str:
 
 
 def measure(work: m.Work, target: dict[str, Any]) -> Measured:
-    """Build the programs of a target, run them, and return what a row costs."""
+    """Build the programs of a target, run them, and return the cost of the filter."""
     out = Measured(target["name"], {q: target[q] for q in QUANTITIES if q in target})
     machine = next(x for x in m.list_machines() if x.name == target["machine"])
     if why := machine.find_missing():
@@ -148,7 +151,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
 
 
 def set_level(machine: m.Machine, level: str) -> m.Machine:
-    """Return the machine with a different optimisation level of the compiler."""
+    """Return a copy of the machine whose compiler flags have this optimisation level."""
     return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
@@ -164,11 +167,12 @@ def measure_flash(program: Path) -> int:
 
 
 def find_deepest_stack(folder: Path, name: str) -> int:
-    """Return the largest stack [bytes] of all chains of calls that start in a function.
+    """Return the stack [bytes] of the deepest chain of calls that starts in function
+    `name`.
 
-    gcc writes the stack of each function, and the functions that it calls, to .ci files.
-    These files contain all chains, because the library has no recursion and no calls by
-    pointer.
+    For each function, gcc writes its stack and the functions that it calls to .ci files.
+    The stack of a chain is the sum over its functions. The .ci files show every chain,
+    because the library has no recursion and no calls through function pointers.
     """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)
@@ -198,7 +202,7 @@ def find_deepest_stack(folder: Path, name: str) -> int:
 class Flash:
     """Flash of the library on a Cortex-M4F, in float at -Os, with some parts left out."""
 
-    row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, definitions, limit
+    row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, macros, limit
     size: int = 0  # [bytes] 0 if the compiler is not installed
 
     def list_exceeded(self) -> list[str]:
@@ -210,7 +214,8 @@ class Flash:
 
 
 def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
-    """Build the library with the definitions of a row. Return its size in flash."""
+    """Build the library with the macros of a row `flash` of tests/budgets.toml. Return
+    its size in flash."""
     machine = next(x for x in m.list_machines() if x.name == "Cortex-M4F")
     if machine.find_missing():
         return Flash(row)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Measure the numbers that README and the pages state; write tables to scripts/results.
+"""Measure the numbers that README and the web pages state. Write tables of these numbers
+to scripts/results.
 
     .venv/bin/python scripts/dev/facts.py
         measure everything except the studies: about 90 s
@@ -8,9 +9,10 @@
     .venv/bin/python scripts/dev/facts.py --study NAME ...
         run Monte-Carlo studies, all if no name is given; resume an interrupted study
 
-tests/fmu/importers.py records what validators and other importers report on the FMUs.
-tests/test_readme.py compares README with scripts/results. `python -m docsite.fill` copies
-the tables into the pages.
+Afterwards, `python -m docsite.fill` copies the tables into the pages, and
+tests/test_readme.py compares README with scripts/results. One result is not from this
+script: tests/fmu/importers.py writes what validators and other importers report on the
+FMUs.
 """
 
 import argparse
@@ -25,9 +27,9 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
-# Key: name of a table in scripts/results. Value: number of runs of each case, name of the
-# study of `tselab montecarlo`, and the cases of the study to run. If no cases are given,
-# all are run.
+# Key: name of a table in scripts/results. Value: number of runs of each case; name of a
+# study of `tselab montecarlo`; cases of this study to run, separated by commas. If the
+# cases are left out, all cases of the study are run.
 STUDIES = {
     "accuracy": (24, "accuracy"),
     "stress": (24, "stress"),
@@ -39,8 +41,8 @@ STUDIES = {
 }
 PICTURES = ("paper",)  # tables of STUDIES that have a picture
 
-# Regular expression for the variables of each FMU that have a row of their own in the
-# table. All other variables are listed by group.
+# Key: name of an FMU. Value: regular expression of its main variables. The table of the
+# FMU describes each main variable. It only counts the other variables, group by group.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
@@ -80,8 +82,8 @@ def measure_sizes() -> str:
 def list_fmu_variables(model: str, folder: Path) -> str:
     """Return a table of the variables of an FMU, as modelDescription.xml describes them.
 
-    Variables with the same description, such as those of the three stiffnesses, share a
-    row.
+    Variables with the same description share a row. Example: the valid flags of the
+    three stiffnesses.
     """
     rows: dict[tuple[str, str, str], list[ET.Element]] = {}
     others: dict[tuple[str, str], list[str]] = {}
@@ -121,7 +123,7 @@ def describe_fmus() -> None:
 def run_study(name: str) -> None:
     """Run a study in build/studies, and copy its table and picture to scripts/results.
 
-    Runs that an earlier, interrupted call has done are not repeated."""
+    If an earlier call was interrupted, the runs that it has finished are not repeated."""
     runs, base, *cases = STUDIES[name]
     print(f"{name}: {runs} runs of each case", flush=True)
     out = ROOT / "build" / "studies" / name

@@ -3,10 +3,11 @@
 
     .venv/bin/python scripts/dev/fixed.py [--runs R]
 
-Writes scripts/results/fixed.md. Each drive is simulated once, in double, and both builds
-of the library read the same log. The script builds them in build/fixed with cmake and a C
-compiler. 20 runs take six minutes on one free core, most of it for the particle filter.
-Scores and the criterion of divergence are those of tselab montecarlo.
+Writes scripts/results/fixed.md. The script builds the library twice in build/fixed, in
+double and in fixed point, with cmake and a C compiler. Each drive is simulated once, in
+double, and both builds estimate from the same log. 20 runs take six minutes on one free
+core, most of it for the particle filter. Scores and the criterion of divergence are those
+of `tselab montecarlo`.
 """
 
 import argparse
@@ -27,16 +28,18 @@ from tselab.montecarlo.case import INITIAL_SETTINGS, Case, CaseDrive, simulate_c
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL_CASE, studies.NOISE_3X, studies.LOW, studies.ROAD_CHANGE_CASE)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
-# Seeds of the filter. Each filter runs on each drive with each of its seeds. The RMS
-# error of a particle filter depends on the seed: in double, over the same 20 drives, it
-# is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for cy_rear with seeds 11, 12, 13 and
-# the seed of the drive. Different rounding changes it as much as a different seed.
+# Seeds of the random numbers of each filter. A filter runs on each drive with each of its
+# seeds. Reason: the RMS error of a particle filter depends on its seed. In double, over
+# the same 20 drives, the error is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for
+# cy_rear with seeds 11, 12, 13 and the seed of the drive. Fixed point rounds differently,
+# which changes the error of a single run as much as a different seed does.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
-# limits of the change from double to fixed point:
+# Limits of the difference between fixed point and double:
 # rms: [% of the RMS error in double] max increase of the RMS error
-# valid: [percentage points] max change of the share of valid rows
+# valid: [percentage points] max change of the share of rows whose stiffness is valid
 LIMIT = {"rms": 5.0, "valid": 3.0}
-# CMake options of the smallest build: lateral motion alone, without particles
+# CMake options of the smallest build: default filter without longitudinal stiffness and
+# without measured velocities; no particle filter
 SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")
 
 
@@ -110,7 +113,8 @@ def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
 
 
 def compute_validity(d: CaseDrive, estimate: np.ndarray) -> dict[str, float]:
-    """Return the share [%] of valid rows after 5 s, for each stiffness."""
+    """Return the share [%] of the rows after 5 s in which a stiffness is valid, for each
+    stiffness."""
     later = d.time >= scores.VALID_AFTER - 1e-9
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
 

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Measure the delay of `tselab live`, and compare its estimates with `tselab estimate`.
+"""Measure the delay from a CAN frame to its estimate in `tselab live`, and compare its
+estimates with those of `tselab estimate`.
 
     [chrt -r 10] .venv/bin/python scripts/dev/live.py [--seconds 60]
 
 Writes scripts/results/live.md. One process sends the CAN frames of a simulated drive over
 UDP multicast in real time: every 10 ms three messages, for wheels, steering wheel and
-inertial sensor. A second process, `tselab live`, reads them, estimates, and records them.
-Then `tselab estimate` reads the record and, for comparison, the file of the drive."""
+inertial sensor. A second process, `tselab live`, reads the frames, estimates, and records
+frames and rows. Afterwards `tselab estimate` reads the recorded rows, the recorded frames
+and the original log of the drive."""
 
 import argparse
 import os
@@ -60,7 +62,8 @@ def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
 
 
 def send(path: Path, delay: float) -> None:
-    """Send the frames of a candump log at the times in the log, from `delay` [s] on."""
+    """Send the frames of a candump log in real time. `delay` [s]: wait before time 0 of
+    the log."""
     lines = [line.split() for line in path.read_text().splitlines()]
     frames = [(float(t[1:-1]) - trade.EPOCH, *f.split("#")) for t, _, f in lines]
     with can.Bus(interface="udp_multicast", channel=GROUP, port=PORT) as bus:
@@ -84,9 +87,9 @@ def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
 def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str]:
     """Run `tselab live` while a second process sends the frames of a log.
 
-    Return a match for the summary that the command prints. Its groups are the number of
-    frames, the number of rows, the rows a second, and the median, the 99 % quantile and
-    the maximum of the delay [ms]."""
+    Return a match of a regular expression with the summary that the command prints.
+    Groups of the match: 1 number of frames, 2 number of rows, 3 rows a second; 4 median,
+    5 99 % quantile and 6 maximum of the delay from a frame to its estimate [ms]."""
     sender = subprocess.Popen([sys.executable, __file__, "--send", str(log)], env=ENV)
     words = [*TSELAB, "live", "--interface", "udp_multicast", "--channel", GROUP, "--bus", f"port={PORT}"]
     words += ["--database", str(folder / "car.dbc"), "--vehicle", str(car)]
@@ -104,7 +107,7 @@ def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str
 
 
 def describe_priority() -> str:
-    """Return the priority of this process, usual or real-time."""
+    """Return the scheduling priority of this process: "usual" or "real-time"."""
     return PRIORITY[os.sched_getscheduler(0)] if hasattr(os, "sched_getscheduler") else "usual"
 
 
