@@ -1,12 +1,13 @@
 /* fmu/SingleTrackVehicle/model.c - the simulator of tse/simulate.h as a co-simulation
- * model. It takes the place of a real car: its outputs are the readings of the sensors and
- * the true values, with which an importer can compare the estimates.
+ * model. It takes the place of a real car: its outputs are the readings of the sensors
+ * and the true values, with which an importer can compare the estimates.
  *
  * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
- * logs at t + h, and the true values at t + h. The inputs at t + h are the values that the
- * importer set at t. If the importer also set the time derivative of an input, h times
- * this derivative is added to the input. With parameter ramp = 1, inputs change linearly
- * from t to t + h. With ramp = 0, they jump at t to the values that the importer set. */
+ * logs at t + h, and the true values at t + h. The inputs at t + h are the values that
+ * the importer set at t. If the importer also set the time derivative of an input, h
+ * times this derivative is added to the input. With parameter ramp = 1, inputs change
+ * linearly from t to t + h. With ramp = 0, they jump at t to the values that the importer
+ * set. */
 #include <stdio.h>
 #include <string.h>
 

@@ -182,8 +182,8 @@ void model_note_set(model *m, const fmu_variable *v, double value)
  * values of the parameters. If m->exact is 1, a parameter that the importer has set keeps
  * its value, and every other parameter gets the value that tse_config_exact() gives it.
  *
- * Some importers set every parameter, also the parameters that the user has not changed:
- * to their start values. If all parameters have been set, a parameter that was set to its
+ * Some importers set all parameters, and give the start value to each parameter that the
+ * user has not changed. If all parameters have been set, a parameter that was set to its
  * start value therefore counts as not set. */
 static void compute_settings(const model *m, tse_config *used)
 {
@@ -218,8 +218,9 @@ static void derive_outputs(model *m)
   m->grip_valid = m->y.grip_reason == TSE_VALID;
 }
 
-/* Set the outputs to the prior estimates, for the time before the first row. They are
- * computed as the outputs after a row without measurements. Then the filter is reset. */
+/* Set the outputs to the prior estimates, for the time before the first row. These
+ * outputs are computed by a step with a row without measurements. Afterwards the filter
+ * is reset, so that this row has no effect on the first real row. */
 static void report_prior(model *m)
 {
   static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };
@@ -284,8 +285,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
   tse_input u = make_sample(m, &first);
-  /* This step is the dt of the next sample. Refuse it here if tse_step() would refuse the
-   * next sample because of dt. */
+  /* The length of this step will be the dt of the next sample. If tse_step() would refuse
+   * the next sample because of this dt, refuse this step instead. */
   if (!(time + step - time <= TSE_LONGEST_DT)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
     return FMU_ERROR;

@@ -72,7 +72,7 @@ static const unit *find_unit(const fmu_variable *v)
 /* Return 1 if the model has a variable with this unit. */
 static int is_used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* fmu_time has it; only FMI 3.0 has fmu_time */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time, which FMI 2.0 lacks */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
@@ -290,8 +290,8 @@ static void print_middle(int fmi)
 }
 
 /* Attribute that lists the inputs on which an output depends at a communication point.
- * The list is empty, because an input that is set at a communication point does not change
- * the outputs at this point. It changes them at the end of the next step. */
+ * The list is empty, because an input that is set at a communication point does not
+ * change the outputs at this point. It changes them at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
 /* The same attribute for initialization mode. It is left out. FMI then assumes that an
  * output depends on all parameters and inputs, and in initialization mode it does. */

@@ -1,4 +1,5 @@
-/* fmu/glue/fmi2.c - functions of FMI 2.0 for co-simulation. They call those of glue.c. */
+/* fmu/glue/fmi2.c - functions of FMI 2.0 for co-simulation. They call functions of
+ * glue.c. */
 #include <stdio.h>
 
 #include "fmi2Functions.h"
@@ -46,7 +47,8 @@ GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
-/* Functions of the type String, which no variable has. */
+/* Get and set functions of type String. They refuse every variable, because no variable
+ * has this type. */
 GLUE_REFUSE_TYPE(fmi2GetString,
     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]), "String", nvr)
 GLUE_REFUSE_TYPE(fmi2SetString,

@@ -1,5 +1,5 @@
-/* fmu/glue/fmi3.c - functions of FMI 3.0 for co-simulation. They call those of glue.c.
- * Event mode, clocks, early return and intermediate update are not supported. */
+/* fmu/glue/fmi3.c - functions of FMI 3.0 for co-simulation. They call functions of
+ * glue.c. Event mode, clocks, early return and intermediate update are not supported. */
 #include "fmi3Functions.h"
 #include "glue.h"
 
@@ -71,7 +71,8 @@ GLUE_TYPE(fmi3, Int32, 'i', (fmi3Int32)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Boolean, 'b', number > 0.0, value[i], COUNT, count)
 
-/* Functions of the types that no variable has. */
+/* Define the get and set functions of a type that no variable has. They refuse every
+ * variable. */
 #define REFUSE_TYPE(Type)                                                                              \
   GLUE_REFUSE_TYPE(fmi3Get##Type,                                                                       \
       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), \
@@ -163,7 +164,8 @@ REFUSE(fmi3UpdateDiscreteStates,
         fmi3Boolean *has_next, fmi3Float64 *next),
     no_events)
 
-/* Define a function of clocks. It refuses every call, except one without variables. */
+/* Define a function of FMI for clocks. It refuses every call that passes a value
+ * reference, because there are no clocks. */
 #define REFUSE_CLOCK(name, ...)                                                                  \
   GLUE_CALL(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
        nvr == 0 ? GLUE_OK : glue_refuse(s, function, "there are no clocks"))
@@ -177,7 +179,8 @@ REFUSE_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
 REFUSE_CLOCK(
     fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-/* Functions of model exchange, because some importers load them from every FMU. */
+/* Functions of model exchange. They refuse every call. They exist only because some
+ * importers load them from every FMU. */
 REFUSE(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
 REFUSE(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
 REFUSE(fmi3CompletedIntegratorStep,

@@ -35,8 +35,8 @@ static snapshot snapshots[FMU_STATES];
 
 /* A place is an element of the array `instances` or `snapshots`; `taken` is its member.
  * take_place(): if the place is free, mark it as in use and return 1; otherwise return 0.
- * free_place(): mark the place as free. Both functions are atomic, because several threads
- * may search for a free place at the same time. */
+ * free_place(): mark the place as free. Both functions are atomic, because several
+ * threads may search for a free place at the same time. */
 #if defined(__GNUC__)
 static int take_place(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
 static void free_place(volatile long *taken) { __sync_lock_release(taken); }
@@ -57,9 +57,9 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in a log text of
- * FMI, '%' begins a format and '#' a reference to a variable. Not all importers replace
- * them in the same way. */
+/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in a log text
+ * of FMI, '%' begins a format and '#' a reference to a variable. Not all importers
+ * replace them in the same way. */
 static void emit_line(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
@@ -392,7 +392,8 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
   }
   /* Compare the time that the importer passes with the end of the last step. They may
    * differ a little, because importers compute the time of a step in different ways. The
-   * tolerance is 1 % of the step plus the rounding error of a sum of many steps in double. */
+   * tolerance is 1 % of the step plus the rounding error of a sum of many steps in
+   * double. */
   const double error = time - s->c.now, size = time < 0.0 ? -time : time;
   const double tolerance = 0.01 * step + 1e-14 * size;
   const int is_finite = time - time == 0.0; /* needed: the tolerance of an infinite time is infinite */
@@ -527,8 +528,8 @@ glue_status glue_serialize_state(
 }
 
 /* Return a limit of a parameter, rounded to the number format of the settings. The model
- * rounds the parameter in the same way. A parameter that was set to its limit is therefore
- * not outside its range after the rounding. */
+ * rounds the parameter in the same way. A parameter that was set to its limit is
+ * therefore not outside its range after the rounding. */
 static double round_limit(const fmu_variable *v, double limit)
 {
   return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
@@ -537,8 +538,8 @@ static double round_limit(const fmu_variable *v, double limit)
 /* Return 1 if every value of a deserialized state is possible, otherwise 0. The checksum
  * is not enough, because an attacker can compute the checksum of wrong values, too.
  * Outputs are not checked, because no later value depends on them.
- *   Returned:  wrong  the parameter that is outside its range; unchanged if the state has a
- *                     different error or none */
+ *   Returned:  wrong  the parameter that is outside its range; unchanged if the state has
+ *                     a different error or none */
 static int check_content(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;

@@ -153,8 +153,8 @@ glue_status glue_exit_initialization(instance *s, const char *function);
 glue_status glue_terminate(instance *s, const char *function);
 glue_status glue_reset(instance *s);
 
-/* Return the time [s] at the end of the last step. Before the first step, return the start
- * time. */
+/* Return the time [s] at the end of the last step. Before the first step, return the
+ * start time. */
 double glue_get_time(const instance *s);
 
 /* Define a function of FMI. The function finds the instance `s` to which its argument `c`
@@ -228,7 +228,7 @@ void glue_mark_stale(instance *s);
     if (nvr == 0) return (fmi_status)glue_check_empty(s, count, function);                               \
     if (!glue_check_variables(s, vr, nvr, value, count, kind, #Type, function))                          \
       return (fmi_status)GLUE_ERROR;                                                                     \
-    /* this loop refuses outputs, and so all arrays: value[i] belongs to variable vr[i] */               \
+    /* check all values before setting one. Arrays are outputs, which are refused: vr[i] takes value[i] */\
     for (size_t i = 0; i < nvr; i++)                                                                     \
       if (!glue_check_value(s, glue_find_variable(s, vr[i]), (double)(to_number), function))             \
         return (fmi_status)GLUE_ERROR;                                                                   \

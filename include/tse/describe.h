@@ -68,9 +68,9 @@ typedef struct tse_effect_row {
   int32_t bit;            /* number of its bit in tse_effects.mask */
   const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
   const char *occurrence; /* column `occurrence` of src/tables/effects.toml: SENSOR, EVERY_CAR ... */
-  /* title that replaces `title` if the strength of the effect is below early_below. Example:
-   * a negative steering delay is a latency of the log, and a very short steering lag is a
-   * low pass of the IMU. "": `title` is never replaced */
+  /* title that replaces `title` if the strength of the effect is below early_below.
+   * Example: a negative steering delay is a latency of the log, and a very short steering
+   * lag is a low pass of the IMU. "": `title` is never replaced */
   const char *early;
   double early_below;
 } tse_effect_row;

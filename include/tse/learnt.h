@@ -83,11 +83,11 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
  *                                    learnt_walk_day^2 times the days, at most the
  *                                    variance in the settings
- *              process sd            Paper's filter only. The process variance becomes the
- *                                    square of the saved sd plus the variance of the mean
- *                                    (above), so that the particles can follow a changed
- *                                    road. It is at most spread_max^2, and has the weight
- *                                    of initial_dof samples
+ *              process sd            Paper's filter only. The process variance becomes
+ *                                    the square of the saved sd plus the variance of the
+ *                                    mean (above), so that the particles can follow a
+ *                                    changed road. It is at most spread_max^2, and has
+ *                                    the weight of initial_dof samples
  *              bias                  Its variance grows at the rate of the random walk
  *                                    *_bias_walk, up to *_bias_sd^2. Meanwhile its mean
  *                                    decays, and is 0 when the variance reaches this

@@ -69,21 +69,22 @@ extern "C" {
 
 /* Fill c with the defaults of tse/config.h: an ordinary passenger car that is not
  * calibrated. Each parameter has the mean and the standard deviation of passenger cars
- * (src/tables/uncalibrated.toml). After this call, set the known values of your car in any
- * order: mass, lf, lr, driven_axle, wheel radii.
- *   stiffness or      tse_prepare() uses the value of an ordinary car with the mass, lf and
- *   yaw inertia 0     lr in c
- *   mass 0            The mass is unknown: tse_prepare() uses the mass of an ordinary car,
- *                     with an sd of 30 %. No stiffness becomes valid: the reason of each is
- *                     TSE_PARAMETERS_UNCERTAIN
+ * (src/tables/uncalibrated.toml). After this call, set the known values of your car in
+ * any order: mass, lf, lr, driven_axle, wheel radii.
+ *   stiffness or      tse_prepare() uses the value of an ordinary car with the mass, lf
+ *   yaw inertia 0     and lr in c
+ *   mass 0            The mass is unknown: tse_prepare() uses the mass of an ordinary
+ *                     car, with an sd of 30 %. No stiffness becomes valid: the reason of
+ *                     each is TSE_PARAMETERS_UNCERTAIN
  *   c NULL            no effect
- * The C library, the FMU, Python, the web page and the command line have the same defaults.
- * The command `tselab calibrate` finds smaller uncertainties from logs of the car. */
+ * The C library, the FMU, Python, the web page and the command line have the same
+ * defaults. The command `tselab calibrate` finds smaller uncertainties from logs of the
+ * car. */
 void tse_config_default(tse_config *c);
 
-/* Fill c with a car whose parameters are known exactly: the simulated car of
- * tse_sim_reset(), 1900 kg, all uncertainties 0, all effects off. For a real car the
- * confidence intervals would be too narrow.
+/* Fill c with a car of 1900 kg whose parameters are known exactly: all uncertainties are
+ * 0, and all effects except exact_kinematics are off. Use it for a simulated car, with
+ * tse_sim_reset(). For a real car the confidence intervals would be too narrow.
  *   c NULL            no effect */
 void tse_config_exact(tse_config *c);
 
