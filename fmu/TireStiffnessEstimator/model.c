@@ -184,7 +184,10 @@ void model_note_set(model *m, const fmu_variable *v, double value)
  *
  * Some importers set all parameters, and give the start value to each parameter that the
  * user has not changed. If all parameters have been set, a parameter that was set to its
- * start value therefore counts as not set. */
+ * start value therefore counts as not set.
+ *
+ * Finally, mass, yaw inertia and stiffnesses of 0 ("not set") are replaced by the values
+ * of an ordinary car. */
 static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;
@@ -203,7 +206,8 @@ static void compute_settings(const model *m, tse_config *used)
   tse_config_complete(used);
 }
 
-/* Compute the outputs in SI units, and the flags that say which outputs are valid. */
+/* Compute the outputs in SI units, and the valid flags of the stiffnesses and of the
+ * grip. */
 static void derive_outputs(model *m)
 {
   tse_output secant = m->y;

@@ -124,7 +124,8 @@ static void end_type(enumerations *e)
 }
 
 /* Print a code of an enumeration type. If `type` differs from the type of the previous
- * code, first close the XML element of the previous type and open the element of `type`. */
+ * code, first close the XML element of the previous type and open the element of
+ * `type`. */
 static void print_code(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   enumerations *const e = to;
