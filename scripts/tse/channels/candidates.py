@@ -1,4 +1,8 @@
-"""For each missing channel, list the nearest signals, and why they were rejected."""
+"""For each missing channel, list the nearest signals, and why each was rejected.
+
+The nearest signals are those whose name and unit fit the channel best. A role is a
+quantity that a signal may measure, e.g. yaw_rate or wheel.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,8 +17,8 @@ from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # max number of signals that are listed for one channel
-MIN_VALUES = 4  # min number of values of a signal that is compared
-# role, i.e. quantity that a signal may measure -> its kind of unit, as messages name it
+MIN_VALUES = 4  # a signal with fewer values is rejected without a further test
+# role -> kind of unit that a signal with this role needs, as messages name it
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -28,6 +32,9 @@ def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
     """Return the nearest signals of each missing channel, and why each was rejected.
+
+    The nearest signals are the MAX_CANDIDATES signals with the highest scores of
+    _score_candidate(). Signals with the score 0 are left out.
 
     Parameters
     ----------
@@ -65,7 +72,11 @@ def find_nearest_candidates(
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return how well name and unit of a signal fit a role; 0: it is no candidate."""
+    """Return a score of how well name and unit of a signal fit a role; 0: not at all.
+
+    The score is the score of the name, at most 3 (vocabulary.py), plus 1 if the unit fits
+    the role. A speed of an unknown wheel has the score 0.6 for the role "wheel". `axle`:
+    "front" or "rear" for the role "wheel". A wheel of the other axle has the score 0."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -79,10 +90,13 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return, for each pattern of the role, whether the name matches but is rejected.
+    """Return for each pattern of the role whether a negative score may come from it.
 
-    A name that matches a pattern is rejected if its score is negative. This is so if the
-    name also has a word for a different quantity. `c`: the signal with this name."""
+    A negative score means that the name matches a pattern, but also has a word for a
+    different quantity. Such a word subtracts 4 from the score of the pattern. If the
+    match needs the message in the name, 0.2 is subtracted, too (score_name()). A score
+    above (score of the pattern - 4.3) may therefore come from this pattern. `c`: the
+    signal."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]
@@ -138,10 +152,11 @@ def _explain_rejection(
 def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
-    """Return the kinematic relation that a signal contradicts. If none was tested, return
-    the reason.
+    """Return which kinematic relation a signal contradicts. If no relation could be
+    tested, return why not.
 
-    `x`: values of the signal. `named`: score of its name for the role."""
+    `x`: values of the signal. `v`: [m/s] speed; None: unknown. `named`: score of the name
+    of the signal for the role."""
     if v is None:
         return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal fits better"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}

@@ -20,10 +20,11 @@ MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
 MIN_SHARED = 0.6
 MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals after the shift
 MIN_CORR_GAIN = 0.15  # [1] min increase of the correlation by the shift
-MAX_CORRELATED_ROWS = 1 << 16  # max number of values of a signal that are correlated: 1.8 h
+# max number of values of a signal that are correlated: 1.8 h at CORRELATION_RATE
+MAX_CORRELATED_ROWS = 1 << 16
 MIN_GROUP_SAMPLES = 100  # min number of values in a group
-# [s] A signal is not correlated if it lasts longer than MAX_SIGNAL_SPAN, or if its first
-# time is later than MAX_SIGNAL_TIME.
+# [s] A signal is not correlated if it lasts longer than MAX_SIGNAL_SPAN (11 days), or if
+# |first time| exceeds MAX_SIGNAL_TIME (3000 years). Such times are errors of the log.
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
 MAX_GROUPS = 64  # If a file has more groups, none of them is aligned.
 
@@ -165,9 +166,11 @@ def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
-    """Return start time and values of a signal resampled at CORRELATION_RATE.
+    """Return start time [s] and values of a signal resampled at CORRELATION_RATE.
 
-    `derive`: differentiate it. None: the signal is constant, too short or too long."""
+    The values are smoothed, and their mean is subtracted. Return None if the signal is
+    constant, too short or too long. `part`: (times [s], values) of the signal. `derive`:
+    True: differentiate the signal."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
     if len(time) < MIN_GROUP_SAMPLES:

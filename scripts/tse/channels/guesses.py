@@ -55,7 +55,7 @@ def make_guesses(
     wheels : mapping of str to str
         Place of each wheel -> name of its signal.
     chosen : mapping of str to str
-        Role of each other channel -> name of its signal.
+        Role of each channel except the wheel speeds -> name of its signal.
     worth : mapping of str to mapping of str to float
         Role -> the two scores of its signal: "said" by name, "shown" by physics.
     scale : UnitScale
@@ -64,6 +64,11 @@ def make_guesses(
         Car, with wheel radii, wheelbase and steering ratio.
     warnings : list of str
         The function appends its warnings.
+
+    Returns
+    -------
+    list of Guess
+        The guesses in the order of the library's channels.
     """
     found: dict[str, Guess] = {}
     v = compute_speed(look, wheels)
@@ -101,13 +106,15 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the sign of each motion channel, and whether the yaw rate's was tested.
+    """Return the signs of yaw_rate, accel_y and accel_x, and whether the sign of yaw_rate
+    was tested.
 
     A sign is -1 if the logged signal is positive to the right or backwards. The sign of
-    the yaw rate follows from right - left wheel speed. If this is not possible, it
-    follows from the course of a GNSS receiver. The sign of accel_y follows from its
-    correlation with v r, the sign of accel_x from its correlation with dv/dt. `facts`:
-    result of measure_slopes()."""
+    yaw_rate follows from its correlation with right - left wheel speed. If this
+    correlation is low, the sign follows from the correlation with the course of a GNSS
+    receiver. If both are low, the sign is untested and assumed to be 1. The sign of
+    accel_y follows from its correlation with v r, the sign of accel_x from its
+    correlation with dv/dt. `facts`: result of measure_slopes()."""
     turn = facts.get("track_corr", 0.0)
     if abs(turn) <= 0.7:
         turn = facts.get("course_corr", 0.0)
@@ -122,7 +129,8 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
 def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
     """Warn if all lateral channels are positive to the right.
 
-    The signs were determined from the wheel speeds."""
+    The signs were determined from right - left wheel speed. They are therefore all wrong
+    if the log has exchanged left and right wheels."""
     lateral = ("yaw_rate", "accel_y", "steer_angle")
     if not all(c in found and found[c].sign < 0 for c in lateral):
         return
@@ -255,8 +263,9 @@ def _guess_steering(
 ) -> Guess:
     """Return the guess of the steering angle.
 
-    Its steering ratio follows from a fit of the angle to the curvature of the path, r/v.
-    `r`: [rad/s] yaw rate. `v`: [m/s] speed. None: unknown."""
+    The steering ratio follows from a fit of the angle to the curvature r/v of the path.
+    `v`: [m/s] speed; None: unknown. `r`: [rad/s] yaw rate; None: unknown. Without v or r,
+    unit and ratio follow from the size of the angle."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
     unit = unit if unit_kind(unit) == "angle" else ""
@@ -348,11 +357,12 @@ def _set_steering_ratio(
 ) -> None:
     """Set the steering ratio of a guess.
 
-    It is the ratio in the vehicle file if the measured ratio agrees with it. If not, it
-    is the measured ratio, with a warning. If the vehicle file has no ratio, the measured
-    ratio is combined with the prior. `ratio`: measured ratio. `spread`: sd of its
-    logarithm. `given`: ratio in the vehicle file; None: unknown."""
-    if given is None:  # mean of measured ratio and prior, weighted by their variances
+    If the vehicle file has a ratio that agrees with the measured ratio, the ratio of the
+    vehicle file is set. If the two ratios do not agree, the measured ratio is set, with a
+    warning. If the vehicle file has no ratio, the measured ratio is combined with the
+    prior. `ratio`: measured ratio. `spread`: sd of ln `ratio`. `given`: ratio in the
+    vehicle file; None: unknown."""
+    if given is None:  # mean of ln measured ratio and ln prior, weighted by 1 / variance
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
     guess.ratio = round(guess.ratio or ratio, 2)
@@ -384,9 +394,10 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
 def _guess_wheels(
     look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: UnitScale
 ) -> Guess:
-    """Return the guess of an axle's wheel speed: the mean of the signals `mine`.
+    """Return the guess of an axle's wheel speed, which is the mean of the signals `mine`.
 
-    `wheels`: place -> name, for all wheels."""
+    `mine`: names of the signals of this axle. `wheels`: place (rear_left, ...) -> name of
+    the signal, for the wheels of both axles."""
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -490,7 +501,8 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of unusual offsets of accel_x and accel_y, a_y / (v r) and tracks."""
+    """Warn of an unusual offset of accel_x or accel_y, of an unusual ratio a_y / (v r),
+    and of an unusual track."""
     if v is None:
         return
     r = (
@@ -540,7 +552,8 @@ YAW_LAG, YAW_LAG_SD = 0.10, 0.043
 # [sd of the latency] A latency of the steering angle is proposed if it exceeds this.
 MIN_STEERING_SDS = 2.0
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-MIN_LATENCY_SDS = 4.0  # as MIN_STEERING_SDS, for the other channels
+# [sd of the latency] A latency of wheel speeds or accel_y is proposed if it exceeds this.
+MIN_LATENCY_SDS = 4.0
 
 
 def find_latencies(
@@ -592,9 +605,10 @@ def _set_steering_latency(
 
     In a car, the yaw rate lags the angle of the road wheels by about YAW_LAG. If the
     measured lag is smaller or negative, the logged angle is delayed, and its latency is
-    YAW_LAG - lag. The lag differs between cars (YAW_LAG_SD). A latency that is not much
-    larger than this sd is not set here. It can only be found by a fit of the whole car:
-    tselab calibrate."""
+    YAW_LAG - lag. The lag differs between cars (YAW_LAG_SD). A latency is therefore only
+    set here if it is at least MIN_STEERING_SDS times as large as its sd, which includes
+    YAW_LAG_SD. A smaller latency can only be found by a fit of the whole car: tselab
+    calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -632,10 +646,11 @@ def _find_accel_lag(
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
     """Set the latency of a guess to `late`, if it is significant; add the evidence.
 
-    `late`: [s] delay behind the yaw rate. `sd`: [s] sd of `late`. `clock`: name of the
-    signal of the yaw rate. If the signal of the guess has the same time stamps as the yaw
-    rate, the min latency is doubled. `how`: which signals were compared, for the
-    evidence."""
+    A latency is significant if it exceeds MIN_LATENCY and MIN_LATENCY_SDS x `sd`. If the
+    signal of the guess has the same time stamps as the yaw rate, a latency of at most
+    2 x MIN_LATENCY is not set, although the evidence is added. `late`: [s] delay behind
+    the yaw rate. `sd`: [s] sd of `late`. `clock`: name of the signal of the yaw rate.
+    `how`: names of the signals that were compared, for the evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -67,7 +67,8 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
         Channels that may be missing. The column of a missing channel is NaN, and a note
         states that it is missing.
     reading : Reading, optional
-        Options of reading. Its member `car` is the car, or None.
+        Options of reading. If they include a car (`car`), its wheel radii are used for
+        wheel speeds that are missing or not in rad/s.
 
     Raises
     ------
@@ -101,9 +102,10 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    If not, read_any() reads the file. The result is also False if options or a
-    signals.toml next to the file assign its columns, if its times are dates or times of
-    day, or if its decimals are written with a comma."""
+    If the result is False, read_any() reads the file. The result is also False if an
+    option states a signals.toml or the rate of the rows, if a signals.toml next to the
+    file assigns its columns, if its times are dates or times of day, or if its decimals
+    are written with a comma."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -212,7 +214,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
 
 
 def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
-    """Return the needed columns; raise an error if one is missing or appears twice."""
+    """Return the needed columns of a frame. Raise an error if a needed column is missing,
+    or if any column appears twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -482,7 +485,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
-        recording = read_recording(path, how)  # all signals: the error message lists their names
+        recording = read_recording(path, how)  # read all signals: the error message lists them
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):

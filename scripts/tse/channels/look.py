@@ -42,13 +42,13 @@ MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # A sign bit has such rows in bends to one side. A flag for standstill also changes at
 # small magnitudes, but has no such rows.
 MIN_SIGN_SHARE = 0.02
-# [1] max ratio of two values of a magnitude: its median in rows in which the sign bit
-# changes, and its mean over all rows
+# [1] A sign bit only changes while its magnitude is near 0. The median of the magnitude
+# in the rows in which the bit changes must therefore be below this share of its mean.
 MAX_AT_ZERO = 0.2
 # A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-MIN_NAME_SCORE = 1.0  # min score of a name that describes a role
+MIN_NAME_SCORE = 1.0  # min score (vocabulary.py: at most 3) of a name that describes a role
 MIN_PROOF_CORR = 0.9  # min correlation for a kinematic relation to count as proven
 
 
@@ -63,7 +63,8 @@ class Guess:
     sign: float = 1.0  # -1: the signal is positive to the right or backwards
     ratio: float | None = None  # steering ratio, by which the angle is divided
     latency: float = 0.0  # [s] delay from the measurement to its time in the log
-    clock: float = 0.0  # [s] time by which the clock of the signal is ahead of the other clocks
+    # [s] time by which the clock of the signal is ahead of the reference (align_clocks())
+    clock: float = 0.0
     above: float | None = None  # channel brake: value in `unit` above which the car brakes
     sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
     add: str | None = None  # name of a signal that is added: the fine part of a coarse value
@@ -83,7 +84,8 @@ class Proposal:
     guesses: list[Guess]
     warnings: list[str]
     missing: list[str]
-    # missing channel -> its nearest signals, each with the reason of its rejection
+    # missing channel -> signals whose name and unit fit it best, each with the reason why
+    # it was rejected
     nearest: dict[str, list[str]] = field(default_factory=dict)
 
     def __getitem__(self, channel: str) -> Guess | None:
@@ -91,7 +93,7 @@ class Proposal:
 
 
 def _hold_last(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Return for each of the times `time` the last value at or before it.
+    """Return the last value at or before each of the times `time`.
 
     `own`: times of the values."""
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
@@ -104,8 +106,8 @@ def _find_sign_bit(
 
     The bit has a name similar to that of the magnitude. It changes while the magnitude is
     near 0, and it is 1 in some rows with a large magnitude. The last condition excludes a
-    flag for standstill. `name`, `time`, `value`: of the magnitude. `bits`: all signals
-    with only two values, short name -> (name, times, values)."""
+    flag for standstill. `name`, `time`, `value`: name, times and values of the magnitude.
+    `bits`: all signals with only two values, short name -> (name, times, values)."""
     there = value[np.isfinite(value)]
     if there.min() < 0:
         return None
@@ -208,7 +210,8 @@ class Look:
         return self._called[name]
 
     def find_unit(self, name: str) -> str:
-        """Return the unit in the log, or that at the end of the name; "": unknown."""
+        """Return the unit of a signal in the log. If the log has no known unit for it,
+        return the unit at the end of its name; "": unknown."""
         if name not in self._unit:
             c = self.channels[name]
             self._unit[name] = (
@@ -246,7 +249,8 @@ MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for
 MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
 CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
 # [1] A signal is coarse if its quantisation step is at least this share of its largest
-# magnitude, or at least 0.5. Only for coarse signals, a fine part is searched for.
+# magnitude, or at least 0.5 in the unit of the signal. Only for coarse signals, a fine
+# part is searched for.
 COARSE_STEP = 0.02
 # [1] A signal is accepted as the fine part if adding it to the coarse value reduces the
 # roughness of the coarse value to less than this share. The roughness is the mean
@@ -294,7 +298,7 @@ def find_flag(
 def _is_of_another_signal(recording: Recording, flag: str) -> bool:
     """Return whether the name of a flag is similar to that of a signal of its message.
 
-    Such a flag belongs to this signal, and does not refer to the whole message."""
+    Such a flag belongs to this signal alone, and not to all signals of the message."""
     mine = recording.channels[flag]
     message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
@@ -333,7 +337,8 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
     """Find flag, counter and fine part of each guess, and set them in the guess.
 
-    They are found by message, name and values."""
+    A companion is in the same message as the signal of the guess. Among the signals of this
+    message, it is found by its name and its values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
@@ -361,7 +366,8 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
 def _get_message_name(c: Channel) -> str:
     """Return the name of a signal's message: what precedes the last dot in its full name.
 
-    Return "" if there is no dot, as in a table."""
+    Return "" if the name has no dot. For example, the columns of a table have no
+    message."""
     return c.name.replace("/", ".").rpartition(".")[0]
 
 

@@ -47,7 +47,9 @@ class Clocks:
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times of a channel, corrected to increase, and the kept values."""
+        """Return the times of a channel, corrected so that they increase, and its values.
+
+        Entries that the correction drops, e.g. those without a time, are left out."""
         if id(channel.time) not in self._done:
             time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -70,7 +72,8 @@ def map_signals(
 ) -> dict[str, Series]:
     """Return all channels that signals.toml assigns: name of the channel -> its series.
 
-    If an axle has two signals, it has two keys, the names of its left and right wheel.
+    If signals.toml assigns two signals to an axle, the result has a series for its left
+    and one for its right wheel. Two signals of steer_angle are averaged.
 
     Parameters
     ----------
@@ -89,7 +92,8 @@ def map_signals(
     Raises
     ------
     UserError
-        A name is not in the log, a unit is wrong, or the radius for a speed is missing.
+        A name is not in the log, a unit is wrong, or the wheel radius that is needed to
+        convert a speed to rad/s is missing.
     """
     clocks = Clocks()
     found: dict[str, Series] = {}
@@ -164,7 +168,8 @@ def _map_part(
 def _find_factor(
     signal: SignalSource, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
-    """Return the factor from the unit of a signal to SI."""
+    """Return the factor from the unit of a signal to SI. If the unit is unknown, return 1
+    and append a note."""
     if part.startswith("ref_") or signal.above is not None:
         return 1.0
     wanted = find_unit(part)
@@ -203,7 +208,7 @@ def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> n
 
 
 def _hold_last(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
-    """Return for each time the last value of a channel at or before it."""
+    """Return the last value of a channel at or before each of the times `time`."""
     own, value = clocks.straighten(channel)
     if not len(own):
         return np.full(len(time), np.nan)

@@ -77,7 +77,8 @@ def differentiate(x: np.ndarray) -> np.ndarray:
 class Steering:
     """Model of the steering angle: per_curvature (r/v) (1 + understeer v^2) + offset."""
 
-    # [m] wheelbase x steering ratio; negative if the signs of angle and r differ
+    # wheelbase [m] x steering ratio, for an angle in rad. For other units of the angle,
+    # it is scaled like the angle. It is negative if the signs of angle and r differ.
     per_curvature: float
     sd: float  # [1] sd of the logarithm of |per_curvature|
     understeer: float  # [s2/m2]
@@ -149,8 +150,8 @@ def find_lag(
     """Return the lag of y behind x, and the sd of the lag, both in s.
 
     The lag follows from a least-squares fit of y = a (x - lag x') + b more + c to the
-    rows `keep`. x': derivative of x. `more`: further regressors. (0, inf): the lag cannot
-    be determined."""
+    rows `keep`. x': derivative of x. `more`: further regressors. Return (0, inf) if the
+    lag cannot be determined."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)

@@ -32,10 +32,11 @@ EVEN_STEP = 0.01
 PASS_BAND = 0.45  # [1] cut-off frequency of the low pass / rate of the rows
 PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
 # [1] If rate of a low-passed channel / rate of the rows exceeds this, the channel is
-# interpolated by a cubic through four entries instead of a spline.
+# interpolated by a cubic through four entries instead of a spline. The cubic is then as
+# accurate as the spline, and faster to compute.
 DENSE_RATIO = 4.0
-# [1] If a column of a table has values in a smaller share of the rows than this, it may
-# have been sampled at a lower rate than the rows. It is checked for this.
+# [1] If a column of a table has values in a smaller share of the rows than this, it is
+# checked whether the column was sampled at a lower rate than the rows.
 MIN_FILLED = 0.8
 # [entries] A value of a cubic spline depends only on the entries within this distance:
 # their influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
@@ -348,8 +349,9 @@ def start_on_beat(
 ) -> float:
     """Return the time of the first row, s.
 
-    If a channel has the rate of the rows, the row is a whole number of steps away from an
-    entry of this channel. If no channel has this rate, it is at the time `first`.
+    If a channel has the rate of the rows, the first row is a whole number of steps away
+    from an entry of this channel, so that rows and entries coincide. If no channel has
+    this rate, the first row is at the time `first`.
 
     Parameters
     ----------

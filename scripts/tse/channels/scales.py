@@ -38,11 +38,13 @@ USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is give
 # (deviation / sd)^2.
 LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
-# Cost of a unit, if log and name state none. The first unit of UNIT_OPTIONS has no cost.
+# Cost of each unit of UNIT_OPTIONS except the first one, if neither log nor name states a
+# unit
 OTHER_UNIT_COST = 0.5
 MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
-# This is added to MAX_EQUATION_COST for each sd of the deviation. If all combinations of
-# units are implausible, the one with the smallest deviations thus has the lowest cost.
+# Cost per sd of the deviation, added to MAX_EQUATION_COST. Because of this cost, the
+# combination of units with the smallest deviations has the lowest cost, even if all
+# combinations reach MAX_EQUATION_COST.
 FAR_COST = 0.1
 MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
 # [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars. wheel: wheel speed x radius.
@@ -222,9 +224,10 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 
 
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return a speed over ground that is independent of the wheels, m/s; None: none.
+    """Return a speed over ground that is independent of the wheels, m/s.
 
-    A GNSS speed is preferred. If the log has no speed, it is computed from positions."""
+    The speed of a GNSS receiver is preferred. If the log has no speed, the speed is
+    computed from positions. Return None if the log has no positions either."""
     named = [
         n
         for n in look.x
@@ -251,8 +254,9 @@ def _compute_cost(
 ) -> tuple[float, dict[str, float]]:
     """Return the cost of a combination of units, and the ratios of UnitScale.figures.
 
-    The cost is the sum of (deviation / sd)^2 over the kinematic relations, each limited
-    by MAX_EQUATION_COST. `facts`: result of measure_slopes(). `unit`, `per`: as in
+    The cost is the sum of (deviation / sd)^2 over the kinematic relations. Each term is
+    limited to MAX_EQUATION_COST plus FAR_COST per sd. A top speed above 75 m/s or below
+    3 m/s adds 4 to the cost. `facts`: result of measure_slopes(). `unit`, `per`: as in
     UnitScale."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None

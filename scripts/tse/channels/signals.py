@@ -31,7 +31,7 @@ NUMBER_RANGES = {  # key -> min, max, unit
     "above": (-1e6, 1e6, ""),
     # delay from a measurement to its time in the log
     "latency": (-MAX_SIGNAL_LATENCY, MAX_SIGNAL_LATENCY, "s"),
-    # time by which the clock of the signal is ahead of the other clocks of the log
+    # time by which the clock of the signal is ahead of the clock of the other signals
     "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
 MIN_RATIO, MAX_RATIO = 0.5, 100.0  # range of the steering ratio
@@ -95,7 +95,7 @@ class SignalsFile:
     def wants(self, name: str) -> bool:
         """Return whether a channel needs the signal `name`.
 
-        Both `name` and the names in signals.toml may be with or without the message."""
+        `name` and the names in signals.toml may be SIGNAL or MESSAGE.SIGNAL."""
         names = {
             n
             for s in self.signals.values()
@@ -118,10 +118,10 @@ def find_signals(
     log : Path
         The log.
     file : Path or None
-        Path of signals.toml. None: that next to the log, if there is one.
+        Path of signals.toml. None: the signals.toml next to the log, if there is one.
     databases : sequence of Path
-        Databases of the bus. They take precedence over those in the table [log] of
-        signals.toml.
+        Databases of the bus, e.g. DBC files. They take precedence over those in the table
+        [log] of signals.toml.
     """
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
@@ -132,7 +132,7 @@ def find_signals(
 
 
 def list_channels() -> list[str]:
-    """Return the channels that signals.toml may assign, without ref_*."""
+    """Return the channels that signals.toml may assign, except ref_* (references)."""
     return [
         *(f.name for f in library().channels),
         *(s for pair in SIDES.values() for s in pair),

@@ -39,12 +39,13 @@ from tse.readers.read_can import decode_signals, drop_codes, make_key, read_mess
 from tse.readers.recording import Channel, Recording
 
 # For each signal, the entries of the last KEPT_TIME [s] are kept, but at least the last
-# MIN_KEPT entries. These suffice for the spline, and to find repeated counters and held
-# values.
+# MIN_KEPT entries. These entries suffice to interpolate the signal by a spline, and to
+# find repeated counters and held values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
 # [s] time after the first needed frame at which the rates of the channels are determined
 LISTEN_TIME = 1.0
-# [s] the same, if a needed channel has not yet arrived at LISTEN_TIME
+# [s] If a needed channel is missing at LISTEN_TIME, the rates are determined when this
+# channel has arrived, at the latest after MAX_LISTEN_TIME.
 MAX_LISTEN_TIME = 3.0
 # A row waits for a channel for at most WAIT_STEPS median steps of this channel, plus
 # WAIT_TIME [s].
@@ -138,7 +139,7 @@ class Stream:
         self._sent = 0  # number of rows returned
         self._start = math.nan  # [s] time of the first row
         # axle -> two sums over all rows: of (right - left wheel speed) x yaw rate, and of
-        # the square of the yaw rate
+        # the square of the yaw rate. Their ratio estimates the quotient of these two.
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
@@ -174,8 +175,8 @@ class Stream:
         wheels = {axle for axle, pair in SIDES.items() if axle in have or set(pair) <= have}
         if "steer_angle" not in have:
             raise UserError(
-                f"{source}: steer_angle is missing: without the steering angle nothing can be said about "
-                "the tyres"
+                f"{source}: steer_angle is missing: without the steering angle the tyre stiffness "
+                "cannot be estimated"
             )
         if not wheels and "vehicle_speed" not in have:
             raise UserError(
@@ -183,8 +184,8 @@ class Stream:
             )
         if not {"accel_y", "yaw_rate"} & have:
             raise UserError(
-                f"{source}: accel_y and yaw_rate are missing: without either nothing can be said about the "
-                "tyres"
+                f"{source}: accel_y and yaw_rate are missing: at least one of them is needed to "
+                "estimate the tyre stiffness"
             )
         self._stand_in = (
             next((axle for axle in SIDES if axle not in wheels), None) if wheels else "wheel_speed_rear"
@@ -335,7 +336,8 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        # id of an array of times -> channels whose entries have these times
+        # id of an array of times -> channels whose entries have these times. They are
+        # interpolated together, which is faster.
         even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
@@ -396,7 +398,8 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        # Use mean rates: the single time stamps, which the computer adds, jitter.
+        # Use mean rates, because the computer adds a time stamp when a frame arrives, and
+        # single time stamps therefore jitter.
         if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
@@ -516,9 +519,9 @@ def _list_names(s: SignalSource) -> list[str]:
 
 
 def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
-    """Return the source with complete names of its signals.
+    """Return the source with its signals named MESSAGE.SIGNAL.
 
-    `whole`: name -> complete name."""
+    `whole`: name in signals.toml -> MESSAGE.SIGNAL."""
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),

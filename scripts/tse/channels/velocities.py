@@ -25,7 +25,8 @@ NO_VELOCITY_NAME = re.compile(
 # The sign of a lateral velocity is found by a regression of accel_y - v r on the
 # derivative of this velocity. The sign is certain if |coefficient| / sd exceeds this.
 MIN_SIGN_SDS = 6.0
-# [1] |lateral velocity| / speed may exceed this in at most 2 % of the rows.
+# [1] A signal is not taken for a lateral velocity if |signal| / speed exceeds this in
+# more than 2 % of the rows.
 MAX_ACROSS = 0.35
 
 

@@ -184,8 +184,10 @@ def join_words(name: str) -> str:
 def score_name(role: str, name: str) -> float:
     """Return the score of a name for a role.
 
-    If a pattern matches the last part of the name, its full score counts. If it matches
-    only the whole name, which includes topic and message, its score is reduced by 0.2."""
+    If a pattern matches the last part of the name, the name gets the score of the
+    pattern. If the pattern matches only the whole name, which includes topic and message,
+    the score is reduced by 0.2. A word of NOT_ROLE_WORDS in the last part reduces the
+    score by 4."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)
@@ -209,7 +211,7 @@ def is_another_thing(role: str, name: str) -> bool:
 def find_place(name: str) -> tuple[str, float]:
     """Return the wheel or axle whose speed a name describes, and the score of the name.
 
-    If it describes none, "" is returned instead of the wheel or axle."""
+    If the name describes no such speed, return ("", 0)."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     if NO_WHEEL_WORDS.search(end):

@@ -104,9 +104,10 @@ def is_rolling(x: np.ndarray) -> bool:
 
 
 def _compare_motion(look: Look, names: list[str]) -> float:
-    """Return 2 x the min correlation of the signals with the first of them.
+    """Return a score, 0 .. 2, of how well signals agree as wheel speeds of the same car.
 
-    For wheel speeds of the same car, it is nearly 2."""
+    The score is 2 x the min correlation of the signals with the first of them. For wheel
+    speeds of the same car, it is nearly 2."""
     if len(names) < 2:
         return 0.0
     first = look.x[names[0]]
@@ -165,7 +166,7 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Return {"rear": name of the signal of the car's speed}; {} if no signal is.
+    """Return {"rear": name of the signal with the car's speed}; {} if no signal has it.
 
     This speed replaces missing wheel speeds. It is assigned to the rear axle. When the
     log is read, the front axle gets the same speed, so slip is unknown."""
@@ -374,12 +375,13 @@ def _find_pair(
     said: Mapping[str, Mapping[str, float]],
     ref: Mapping[str, str],
 ) -> dict[str, str]:
-    """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y.
+    """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y. Return {}
+    if no two signals fit well enough.
 
-    This is used if no name describes yaw_rate, or if no name describes accel_y. If `ref`
-    has a signal for one of these roles, only the other role is searched for. `taken`:
-    names of signals that have other roles. `said`: role -> name of a signal -> score by
-    name and unit. {}: no pair fits well enough."""
+    This function is used if no name describes yaw_rate, or if no name describes accel_y.
+    If `ref` has a signal for one of these roles, only the other role is searched for.
+    `taken`: names of signals that have other roles. `said`: role -> name of a signal ->
+    score by name and unit."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]

@@ -45,14 +45,15 @@ EVENT_COLUMNS: dict[str, type] = {
 # Columns from which the sd of the ratio (stiffness after / before a change) is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
-# [s] Max time between two reports of the same change, and between two intervals of the
-# same event that are joined
+# [s] If the times of a change that two rows report differ by at most this, both rows
+# report the same change. Intervals of the same event are joined if the time between them
+# is at most this.
 MAX_JOINED_GAP = 0.5
 # A change is reported if a stiffness changes by more than this share of its value
 MIN_CHANGE = 0.05
 MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
-# [1/s] A drift of the estimates at a lower rate does not count as the begin of a change.
-# Unit of the drift: size of the change
+# [1/s] Min rate at which the estimates must drift to count as changing. A change begins
+# where they start to drift at this rate. The drift is a share of the whole change.
 CREEP = 0.01
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
@@ -61,10 +62,10 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 class Change:
     """A change of tyres or road.
 
-    `time` [s] is the time at which the change began. `believed` [s] is the time after
-    which the estimates describe the new road. If it is None, this time is `time`. `ratio`
-    has a pair for each stiffness that the change affects: value after / value before, and
-    the sd of this ratio. The sd is NaN if it is unknown.
+    `time` [s] is the time at which the change began. The estimates describe the new road
+    only after the time `believed` [s]. If `believed` is None, they do so after `time`.
+    `ratio` has a pair for each stiffness that the change affects: value after / value
+    before, and the sd of this ratio. The sd is NaN if it is unknown.
 
     `probability` is the probability that nothing has changed since this change: a false
     change is followed by another one. It is not the probability of the change itself,
@@ -136,7 +137,7 @@ class Stretch:
 def estimate_times(table: pd.DataFrame) -> np.ndarray:
     """Return the time [s] to which the estimates in each row refer.
 
-    If channels are logged with a delay, it is earlier than the time of the row."""
+    If channels are logged with a delay, this time is earlier than the time of the row."""
     time = table["time"].to_numpy()
     age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
     return time - np.nan_to_num(age) if np.any(age > 0) else time
@@ -145,13 +146,13 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
 def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Each row reports the last change that the filter has detected. Its time is the time of
-    the row minus its age (column change_age). If two rows report times that differ by at
-    most MAX_JOINED_GAP, they report the same change. Kind and ratios are taken from the
-    last row that reports the change.
+    Each row reports the last change that the filter has detected. The time of this change
+    is the time of the row minus the age of the change (column change_age). If two rows
+    report times that differ by at most MAX_JOINED_GAP, they report the same change. Kind
+    and ratios are taken from the last row that reports the change.
 
     A change is left out if both the median of its probability over the rows that report
-    it and the probability in the last of them are below MIN_EVENT_PROBABILITY, or if no
+    it and its probability in the last such row are below MIN_EVENT_PROBABILITY, or if no
     stiffness changes by more than MIN_CHANGE.
 
     The filter detects a change some time after the change began. Until then, the
@@ -215,7 +216,7 @@ def _find_begin(
     Until the filter detects the change, it attributes the new samples to the old road. So
     the estimated means drift towards the means of the new road, which are those of row
     `last`. For each row, the drift from this row to row `before` is computed: as a share
-    of the whole change, averaged over the stiffnesses that the change affects. Returned
+    of the whole change, averaged over the stiffnesses that the change affects. The result
     is the row with the largest value of drift - CREEP * (time from this row to `before`).
 
     A mean also moves while the filter still learns the stiffness of the old road. Then
@@ -224,9 +225,9 @@ def _find_begin(
 
     `columns`: columns of EST.csv. `time`: [s] time of each row. `kind`: change_kind."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    # The drift is a share of at most 1. In rows more than 1 / CREEP seconds before row
-    # `before`, drift - CREEP * time is therefore negative. In row `before` it is 0, so
-    # these earlier rows cannot be the result.
+    # The drift is a share of at most 1, so drift - CREEP * time is negative in rows more
+    # than 1 / CREEP seconds before row `before`. In row `before`, this difference is 0.
+    # Rows with a negative difference cannot be the result, and are left out.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
     drift = np.zeros(max(0, before + 1 - first))
     if not keys or not len(drift):

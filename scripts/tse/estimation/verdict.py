@@ -70,7 +70,8 @@ STILL = ("starting", "held", "input invalid", "row refused")
 # channel has failed during the drive. If they do so earlier, the whole log is wrong. For
 # exceptions see describe_implausible()
 AGREED = 20.0
-# If more than this share of the driven rows is implausible, the whole log may be wrong
+# If more than this share of the driven rows is implausible, the whole log may be wrong.
+# Driven rows are the rows without a reason of STILL.
 MIN_IMPLAUSIBLE = 0.5
 # [s] A stiffness counts as valid at the end of the log if its last valid row is at most
 # this time before the end
@@ -257,16 +258,16 @@ def describe_implausible(table: pd.DataFrame) -> str:
     """Return a sentence if the filter finds that the channels contradict each other in
     the log as a whole; otherwise an empty string.
 
-    This requires that more than the share MIN_IMPLAUSIBLE of the driven rows is
-    implausible, and that the last driven row is implausible, too, because a wrong unit,
+    The filter checks each driven row, i.e. each row without a reason of STILL, but only
+    after some bends, accelerations and decelerations (src/filter/plausible.c). The log as
+    a whole is contradictory if more than the share MIN_IMPLAUSIBLE of the driven rows is
+    implausible, and if the last driven row is implausible, too, because a wrong unit,
     sign or axle persists to the end.
 
-    There is an exception: a channel that fails during the drive. It is assumed if the
-    first implausible row comes after AGREED, the channel is not a wheel speed, and the
-    error is not a constant factor. Then only the implausible rows are not valid.
-
-    The filter checks each row (src/filter/plausible.c), but only after some bends,
-    accelerations and decelerations."""
+    There is an exception: a channel that fails during the drive. A failure is assumed if
+    the first implausible row comes after the driving time AGREED, if the channel is not a
+    wheel speed, and if the error is not a constant factor. Then only the implausible rows
+    are not valid, and the function returns an empty string."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))

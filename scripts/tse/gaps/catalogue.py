@@ -116,8 +116,8 @@ class Effect:
 
 @functools.cache
 def load_catalogue() -> dict[str, Effect]:
-    """Return the effects that a vehicle file may lack, as id -> effect, in the order of
-    the library. Effects that are on by default (IN_MODEL) are left out.
+    """Return the effects that may be missing in a vehicle file, as id -> effect, in the
+    order of the library. Effects that are on by default (IN_MODEL) are left out.
     """
     rows = {i: e for i, e in library().effects.items() if e.occurrence != "IN_MODEL"}
     return {

@@ -44,11 +44,12 @@ def fit_parameters(
     most: int = 12,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Fit the parameters by least squares. If a parameter has a prior, the prior is used.
+    """Fit the parameters by least squares. A parameter with a prior adds the residual
+    (value - default) / prior sd.
 
-    A parameter starts at its value in `start`, or at its default if it has none there.
-    The fit ends after at most `most` evaluations of the residuals, or if the
-    relative change of the sum of squares is below `tolerance`.
+    A parameter starts at its value in `start`. If `start` has no value for the parameter,
+    it starts at its default. The fit ends after at most `most` evaluations of the
+    residuals, or if the relative change of the sum of squares is below `tolerance`.
     """
     parameters = list(parameters)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])

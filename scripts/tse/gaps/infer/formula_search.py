@@ -53,7 +53,7 @@ MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
 # If the rms of a channel of the held-out logs rises significantly by more than this
 # share, the formula is not proposed.
 MIN_HARM = 0.01
-MAX_FORM_EVALUATIONS = 15  # max number of evaluations of a fit
+MAX_FORM_EVALUATIONS = 15  # max number of evaluations of the residuals in one fit
 FORMS_AT_A_TIME = 64  # number of forms that are compared at a time, which limits the memory
 # [%] The driven range of a signal extends from percentile HALF to percentile 100 - HALF.
 HALF = 0.5
@@ -126,7 +126,7 @@ class Frame:
         )
 
     def compute_worth(self, residuals: np.ndarray) -> float:
-        """Return the gain [nat] of a formula relative to the last fit.
+        """Return the gain [nat] of a formula relative to the fit without it (`last`).
 
         `residuals` are those of the fit with the formula."""
         return compute_worth(self.problem, self.last.residuals, residuals, self.length)
@@ -159,10 +159,10 @@ def discover_formula(
 ) -> Discovery:
     """Find the formula that explains most of the residuals of a fit.
 
-    `last` is the fit of `problem` with all named effects. `held` has the held-out logs.
-    They decide whether a formula is proposed. None: there are none. Each of the FITTED
-    candidates needs about ten simulations of all logs. In total they take about a minute
-    if the logs are a few minutes long.
+    `last` is the fit of `problem` with all named effects. `held` has the held-out logs,
+    which decide whether a formula is proposed. If there are no held-out logs, it is None.
+    Each of the FITTED candidates needs about ten simulations of all logs. All candidates
+    together take about a minute if the logs are a few minutes long.
     """
     frame = Frame.of(problem, last)
     places = _list_places(problem)
@@ -330,9 +330,9 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
     significantly better. Significance is judged by the 95 % interval of the change. The
     formula is not fitted to the held-out logs.
 
-    Without held-out logs, a formula is confirmed only if the residuals of a channel
-    exceed NOISE_LIMIT. Residuals below it are noise, and among so many forms there is
-    always one that fits noise.
+    Without held-out logs, a formula is confirmed only if, in the fit without the formula,
+    the residual rms of a channel exceeds NOISE_LIMIT times the sensor noise. Smaller
+    residuals are noise, and among so many forms there is always one that fits noise.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
@@ -373,7 +373,8 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
 def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
     """Fit a formula, which was found in an excerpt of the logs, to all logs.
 
-    `problem` has all logs, and `last` is the fit of them with all named effects.
+    `problem` has all logs. `last` is the fit to all logs with all named effects, but
+    without the formula.
     """
     if found.formula is None:
         return found

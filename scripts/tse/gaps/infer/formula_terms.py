@@ -221,8 +221,8 @@ def make_lateral_forms() -> list[FormulaTerm]:
     """Return the forms for the places of LATERAL.
 
     Most forms have opposite signs in left and right turns. The other forms have the same
-    sign in all turns, so they push the car always to the same side. They consist of
-    accel_x, speed, or absolute values and squares of signals.
+    sign in all turns, so they push the car always to the same side. These other forms
+    consist of accel_x, speed, or absolute values and squares of signals.
     """
     found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
     for s in TURNING:

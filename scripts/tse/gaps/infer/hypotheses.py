@@ -23,11 +23,12 @@ from tse.identify.unknowns import SUPERELEVATION
 # are not searched for.
 # ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
 # distinguished from a sensor bias.
-# ABSORBED: the fitted stiffness compensates for all but 5 % of the effect, or less, and
-# tyre models have errors of 5 %, too (measured for aligning_moment, in logs of two
-# simulators). Drag and rolling resistance belong here, because the model takes its speed
-# from the measured wheel speeds, so that they hardly change it. What remains of them in
-# accel_x looks like a grade of the road.
+# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect. The
+# remaining 5 % cannot be distinguished from the errors of tyre models, which are also
+# about 5 % (measured for aligning_moment, in logs of two simulators). Drag and rolling
+# resistance have this value, too. They hardly change the speed of the model, because the
+# model takes its speed from the measured wheel speeds. Their influence on accel_x looks
+# like a grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
 # prior mean of the number of effects that a vehicle file lacks, counting only those with
 # the occurrence SOME_CARS
@@ -37,11 +38,11 @@ SENSOR_SHARE = 0.1  # prior probability of each sensor error
 # and is missing in the vehicle file
 EVERY_SHARE = 0.15
 WRONG_SIGN = 0.01  # prior probability of a sign that contradicts the physics of an effect
-# prior sd of ln(size) below the typical range. An effect of half the smallest typical
-# size hardly matters.
+# prior sd of ln(size) below the typical range. 0.7 is ln 2: an effect of half the
+# smallest typical size, which hardly matters, is 1 sd below the range.
 SMALLER_SD = 0.7
-# prior sd of ln(size) above the typical range. Hardly any car has an effect of twice the
-# largest typical size.
+# prior sd of ln(size) above the typical range. 0.35 is (ln 2) / 2: an effect of twice the
+# largest typical size, which hardly any car has, is 2 sd above the range.
 LARGER_SD = 0.35
 # prior sd of ln(size) below the typical range if this range is a single value, because a
 # car either has such an effect in full or does not have it
@@ -90,7 +91,7 @@ def make_superelevation() -> Effect:
 
     Superelevation is one number: the share of the lateral acceleration in a curve that
     the bank provides. This bank is added to the profile of the bank. A model without
-    superelevation would attribute it to a scale error of accel_y.
+    superelevation would take this bank for a scale error of accel_y.
     """
     bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
@@ -158,8 +159,9 @@ def apply_priors(vehicle: Vehicle) -> list[Effect]:
     """Return the effects of the catalogue with the priors that a vehicle file states.
 
     If the section [uncertainty] states the sd of a parameter, the prior of this parameter
-    is normal, with this sd and the value of the vehicle file as mean. If all stated sds
-    are 0, as for a simulated car, the effects are returned unchanged.
+    is normal. Its mean is the value in the vehicle file. Its sd is the stated sd, but at
+    least 1 % of the typical size. If all stated sds are 0, as for a simulated car, the
+    effects are returned unchanged.
     """
     sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     if not any(sd.values()):
@@ -184,7 +186,8 @@ def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]
     known = list(load_catalogue().values() if effects is None else effects)
     searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
     physics = [e for e in searched if e.occurrence == "SOME_CARS"]
-    # at least 2, so that a list with one effect does not give it the probability 1
+    # Divide by at least 2. If the list has only one effect, the prior probability of this
+    # effect would otherwise be 1, and its odds infinite.
     share = EXPECTED / max(len(physics), 2)
     shares = {"SENSOR": SENSOR_SHARE, "EVERY_CAR": EVERY_SHARE, "SOME_CARS": share}
     found = []

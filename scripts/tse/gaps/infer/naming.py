@@ -1,5 +1,5 @@
-"""Name the missing effects, with size, probability and look-alikes. They follow from the
-sets of effects whose evidence the search has computed (search.py).
+"""Name the missing effects, and state size, probability and look-alikes of each. These
+follow from the sets of effects whose evidence the search has computed (search.py).
 
 A named effect is one that is reported as missing in the vehicle file. Look-alikes of it
 are effects that explain the logs about as well. The gap is the sum of squared residuals
@@ -35,7 +35,7 @@ ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
 # A named effect must close at least this share of the gap that the other named effects
 # leave. A road profile must close at least this share of the gap in its own channel
-# (ROAD_CHANNEL). Superelevation is exempt.
+# (ROAD_CHANNEL). Superelevation is named even if it closes less.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
 # If the named effects of the car close more than this share of the gap that the roads
@@ -63,7 +63,9 @@ class Named:
     # share that this effect closes of the gap left by the other named effects. It is
     # computed in pieces of the logs that were left out of the fit (folds.py).
     alone: float = 1.0
-    whole: float = 1.0  # probability that it, or an effect that replaces it, is missing
+    # probability that this effect, or an effect that replaces it in other sets, is
+    # missing
+    whole: float = 1.0
 
     def at(self, values: Mapping[Key, float]) -> Named:
         """Return the named effect with the values of a different fit. The intervals are
@@ -136,8 +138,8 @@ def name_effects(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """Search for the missing effects, and name an effect if the probability that it or an
-    effect in its place is missing is at least NAME_AT.
+    """Search for the missing effects. An effect is named if it, or an effect that
+    replaces it in other sets, is missing with a probability of at least NAME_AT.
 
     Parameters
     ----------
@@ -316,7 +318,8 @@ class Probability:
         """Return the effects that replace `effect` in other sets, as id -> probability.
 
         An effect replaces `effect` if it is in a set without `effect`, but not in the
-        best set. Its probability is the sum of the probabilities of all such sets.
+        best set. The probability of the replacing effect is the sum of the probabilities
+        of all sets that contain it, but not `effect`.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -344,7 +347,9 @@ class Probability:
         )
 
     def list_sets(self) -> list[dict]:
-        """Return ids and probability of at most MAX_SETS of the most probable sets."""
+        """Return ids and probability of the most probable sets: at most MAX_SETS of them,
+        and only those with a probability of at least 0.001.
+        """
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
@@ -393,7 +398,8 @@ def _make_sized_name(
     """Return a named effect with size, interval, probability and look-alikes.
 
     The size comes from `judged`. The width of the interval comes from `rough`, a fit in
-    which effects outside the set may have small sizes. None: it comes from `judged`.
+    which effects outside the set may have small sizes. If `rough` is None, the width
+    comes from `judged`, too.
     """
     sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}

@@ -2,8 +2,9 @@
 is it localised in time, or does it depend on the motion of the car?
 
 Three kinds of errors count as errors of the sensors: low-frequency noise, a bias that is
-a random walk, and single spikes. Low-frequency noise remains because the noise sd is
-estimated from differences between neighbouring rows, which do not contain it.
+a random walk, and single spikes. Low-frequency noise exceeds the estimated noise sd,
+because this sd is estimated from differences between neighbouring rows, and
+low-frequency noise hardly contributes to these differences.
 """
 
 from __future__ import annotations
@@ -48,8 +49,9 @@ def find_remainders(
     `residuals` and `values` are the whitened residuals and the parameters of the fit. If
     the ratio of residual rms to noise is at most `limit`, the error is noise.
     """
-    # Channel -> condition under which its residual is largest. The list is reversed so
-    # that the strongest condition comes last and overwrites the weaker ones.
+    # Channel -> condition under which the residual of the channel is largest.
+    # find_conditions() lists the strongest condition first. In the reversed list it comes
+    # last, and overwrites the weaker conditions of the same channel in the dict.
     large = {c.channel: c.condition for c in reversed(find_conditions(problem, residuals, values))}
     found = []
     for channel, mine in problem.used():
@@ -110,8 +112,8 @@ def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
     """
     if step <= 0:
         return e
-    # Stationary gain of the Kalman filter. The smoother runs it forwards over the
-    # residual, and then backwards over the result.
+    # Stationary gain of the Kalman filter. For smoothing, the filter runs forwards over
+    # the residual, and then backwards over its own estimates.
     g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
     rest = np.empty_like(e)
     for i in np.unique(log):

@@ -57,8 +57,8 @@ class World:
 
     naming: Naming
     discovery: Discovery | None
-    # [nat] what is subtracted from ln likelihood for the complexity of the named effects
-    # and of the formula (top of this file)
+    # [nat] penalty for the complexity of the named effects and of the formula. It is
+    # subtracted from ln likelihood (top of this file).
     price: float
     # residuals of the fitted logs, and of the held-out logs if there are any
     residuals: list[np.ndarray]
@@ -149,9 +149,10 @@ def explain_remainder(
     """Search for formulas, and return the result of the formula search, the named
     effects, and all worlds that were compared.
 
-    Formula and named effects are those of the world Worlds.find_best(). An effect is
-    dropped if the probability that it or a look-alike is missing, times
-    Worlds.with_name(), is below NAME_AT."""
+    Formula and named effects are those of the world that Worlds.find_best() returns. An
+    effect of this world is dropped if the product of two probabilities is below NAME_AT:
+    the probability that the effect or a look-alike is missing, and the total probability
+    of the worlds in which the effect is named (Worlds.with_name())."""
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
         naming = name.drop_names(problem, naming, frozenset(), little)
