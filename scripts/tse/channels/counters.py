@@ -2,7 +2,9 @@
 
 import numpy as np
 
-MIN_COUNTING_SHARE = 0.8  # [1] min share of the steps of a counter that are +1
+# [1] Min share of the steps of a counter that are +1. The step from its highest value
+# back to its lowest value is taken as +1, too.
+MIN_COUNTING_SHARE = 0.8
 # find_modulo() tries these moduli, and then max - min + 1 of the logged counter values.
 USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)
 

@@ -18,11 +18,13 @@ CORRELATION_MEAN = 0.5  # [s] length of the moving mean of signals before the co
 MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
 # [1] min ratio of the overlap of two shifted signals to the length of the shorter one
 MIN_SHARED = 0.6
-MIN_SHIFT_CORR = 0.8  # [1] min correlation of two signals after the shift
-MIN_CORR_GAIN = 0.15  # [1] min increase of the correlation by the shift
+# [1] A shift is only accepted if the correlation of the two signals after the shift is at
+# least MIN_SHIFT_CORR, and MIN_CORR_GAIN higher than without the shift.
+MIN_SHIFT_CORR = 0.8
+MIN_CORR_GAIN = 0.15
 # max number of values of a signal that are correlated: 1.8 h at CORRELATION_RATE
 MAX_CORRELATED_ROWS = 1 << 16
-MIN_GROUP_SAMPLES = 100  # min number of values in a group
+MIN_GROUP_SAMPLES = 100  # min number of values of a group; a smaller group is not aligned
 # [s] A signal is not correlated if it lasts longer than MAX_SIGNAL_SPAN (11 days), or if
 # |first time| exceeds MAX_SIGNAL_TIME (3000 years). Such times are errors of the log.
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
@@ -112,7 +114,8 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
 
 
 def _group_channels(recording: Recording) -> list[ClockGroup]:
-    """Return the groups of channels that have the same times."""
+    """Return the groups of channels that share an array of times. Groups with fewer than
+    MIN_GROUP_SAMPLES times are left out."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)

@@ -403,7 +403,8 @@ def _read_numbers(
 def _convert_cells(
     path: Path, header: list[str], table: pd.DataFrame, line: np.ndarray, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the columns of a CSV as numbers, and the names of the columns left out."""
+    """Return the columns of a CSV as numbers, and the names of the optional columns that
+    are left out because they are not numeric."""
     columns: dict[str, np.ndarray] = {}
     skipped = []
     for name in (c for c in header if c in needed or _is_optional(c)):
@@ -553,12 +554,12 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
 def _join_slow_channels(
     native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
 ) -> dict[str, SlowChannel]:
-    """Return the original entries of the channels that are slower than the rows.
+    """Return the original entries of the channels whose rate is below that of the rows.
 
-    An entry is a value with its time. If both wheels of an axle are slower than the rows,
-    the mean of the two wheel speeds is returned as the speed of the axle. `native`:
-    channel -> (times [s] of its entries, their values, their rate [Hz]). `rate`: [Hz]
-    rate of the rows."""
+    An entry is a value with its time. If the rates of both wheels of an axle are below
+    that of the rows, the mean of the two wheel speeds is returned as the speed of the
+    axle. `native`: channel -> (times [s] of its entries, their values, their rate [Hz]).
+    `rate`: [Hz] rate of the rows."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

@@ -79,7 +79,8 @@ class Guess:
 
 @dataclass
 class Proposal:
-    """Guesses in the order of the library's channels, warnings, missing channels."""
+    """The guesses for a log in the order of the library's channels, with warnings, and
+    with the channels for which no signal was found."""
 
     guesses: list[Guess]
     warnings: list[str]
@@ -278,7 +279,7 @@ def find_flag(
 
     The flag is in the same message. Its name is similar to the name of the signal, or it
     is the only flag that refers to the whole message. Names in `taken` are left out.
-    None: the signal has no flag."""
+    Return None if the signal has no flag."""
     found = sorted(
         (_compare_names(c, mine), c.name, v)
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())

@@ -59,7 +59,8 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """Return `time` - `latency`. The same arguments return the same array."""
+        """Return `time` - `latency`. Calls with the same arguments return the same array
+        object, so that channels with the same times still share an array."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:

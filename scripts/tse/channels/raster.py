@@ -141,7 +141,8 @@ def is_core(name: str) -> bool:
 
 
 def choose_rate(rates: Sequence[float]) -> float:
-    """Return the default rate of the rows, Hz.
+    """Return the default rate of the rows, Hz: the highest rate of a channel, but at most
+    MAX_DEFAULT_RATE. If no channel reaches MIN_OWN_RATE, the default rate is 10 Hz.
 
     `rates`: rates of the channels for which is_core() is True, Hz."""
     rate = min(max((r for r in rates if r >= MIN_OWN_RATE), default=10.0), MAX_DEFAULT_RATE)
@@ -291,7 +292,7 @@ def _find_axle(name: str) -> str:
 
 
 def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows | None:
-    """Return the rows of a table as they are; None: its columns must be resampled.
+    """Return the rows of a table as they are. Return None if they must be resampled.
 
     The rows are kept if all columns have the same times, no latency, no held values and
     few missing values, and if the rate of the rows is `rate` [Hz]. If `rate` is None, any
@@ -326,8 +327,9 @@ def _make_times(
 
     The rows cover the interval in which all inputs of the model are present. If there is
     no such interval, they cover the interval in which any channel is present. If the yaw
-    rate has the rate of the rows, the rows have its phase, so that it need not be
-    interpolated. If not, they have the phase of a different channel with this rate.
+    rate has the rate of the rows, the rows are at the times of its entries, so that the
+    yaw rate need not be interpolated. If not, the rows are at the times of a different
+    channel with this rate.
     `own`: channel -> its times [s] and values. `rates`: channel -> its rate [Hz]. `core`:
     channels for which is_core() is True."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}

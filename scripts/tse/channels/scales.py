@@ -73,9 +73,9 @@ def find_units(
 ) -> UnitScale:
     """Return the combination of units that agrees best with physics, log and names.
 
-    `wheels`: place of each wheel -> name of its signal. `chosen`: role of each other
-    channel -> name of its signal. If the result contradicts a unit in the log, a warning
-    is appended to `warnings`."""
+    `wheels`: place of each wheel -> name of its signal. `chosen`: role of each channel
+    except the wheel speeds -> name of its signal. If the result contradicts a unit in the
+    log, a warning is appended to `warnings`."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
     if is_car_speed(wheels):
@@ -161,9 +161,10 @@ def measure_slopes(
 ) -> dict[str, float]:
     """Fit the kinematic relations to the signals as logged.
 
-    Return a dict. "accel_y", ...: fitted ratios a_y / (v r), ..., as in
-    UnitScale.figures, but in the units of the log. A ratio with a low correlation is left
-    out. "accel_y_corr", ...: their correlations. "top": 99 % quantile of |v|. `v`: speed
+    Return a dict. "accel_y", "accel_x", "track", "speed": ratios as in UnitScale.figures,
+    but in the units of the log. A ratio is left out if its two signals correlate badly.
+    "accel_y_corr", "accel_x_corr", "track_corr": correlation of the two signals.
+    "course_corr": result of _correlate_course(). "top": 99 % quantile of |v|. `v`: speed
     in any unit."""
     facts: dict[str, float] = {}
     if v is None:
@@ -201,7 +202,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 
     The course is clockwise from north, so its sign is changed. If the result is positive,
     the logged yaw rate is positive to the left. If it is negative, the yaw rate is
-    positive to the right. 0: there is no course."""
+    positive to the right. Return 0 if the log has no usable course."""
     named = [
         n
         for n in look.raw

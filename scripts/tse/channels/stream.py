@@ -139,7 +139,8 @@ class Stream:
         self._sent = 0  # number of rows returned
         self._start = math.nan  # [s] time of the first row
         # axle -> two sums over all rows: of (right - left wheel speed) x yaw rate, and of
-        # the square of the yaw rate. Their ratio estimates the quotient of these two.
+        # the square of the yaw rate. The first sum divided by the second is an estimate
+        # of (right - left wheel speed) / yaw rate.
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
@@ -408,7 +409,7 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return whether the next row may be complete. False: it waits for a channel.
+        """Return False if the next row certainly still waits for a channel, else True.
 
         Most frames complete no row. This check is faster than the full check in
         make_rows(), and is done before it."""

@@ -79,10 +79,11 @@ def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
 def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
-    """Return the guess that a signal is a velocity; None: it is not.
+    """Return the guess that the signal `name` is the velocity `channel`.
 
-    The signal is rejected if it contradicts the speed `v` [m/s] of the wheels, or if it
-    is a lateral velocity of unknown sign. `vbox`: True: the log is a VBOX file."""
+    Return None if the signal is rejected. It is rejected if it contradicts the speed `v`
+    [m/s] of the wheels, or if it is a lateral velocity of unknown sign. `vbox`: True: the
+    log is a VBOX file."""
     unit = look.find_unit(name)
     x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
@@ -123,8 +124,9 @@ def _find_sign(
     """Return coefficient / sd of a regression of accel_y - v r on the derivative of x.
 
     `x`: [m/s] lateral velocity. If the result is positive, x is positive to the left. If
-    it is negative, x is positive to the right. 0: unknown. The regression has a second
-    regressor, accel_y, since body roll adds a part of gravity to the measured accel_y."""
+    it is negative, x is positive to the right. Return 0 if the regression is not
+    possible. The regression has a second regressor, accel_y, since body roll adds a part
+    of gravity to the measured accel_y."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

@@ -236,7 +236,8 @@ CORNERS = {
 
 
 def _match_corner(joined: str) -> str:
-    """Return the place of a wheel in a name like FLwhlspd or whlflspd; "" if none.
+    """Return the place of the wheel that a name like FLwhlspd or whlflspd contains; "" if
+    the name contains no place.
 
     `joined`: the words of the name without blanks."""
     for place, pattern in CORNERS.items():
@@ -248,7 +249,8 @@ def _match_corner(joined: str) -> str:
 
 
 def _match_place(end: str, wheel: bool) -> tuple[str, float]:
-    """Return the wheel or axle in the words of a name, and the score; "" if none.
+    """Return the wheel or axle in the words of a name, and the score of the name. Return
+    ("", 0) if the words name no wheel or axle.
 
     `wheel`: the name has a word of WHEEL_WORDS."""
     joined = end.replace(" ", "")

@@ -35,9 +35,9 @@ def find_wheels(look: Look) -> dict[str, str]:
     """Return a dict with the signal of each wheel speed: place (front_left, ...) -> name.
 
     If the log has speeds of axles instead of wheels, the places are "front" and "rear".
-    Signals with similar names, or in the same message, are grouped to sets. The score of
-    a set depends on its completeness, its names, and the correlation of its signals. The
-    set with the highest score is returned."""
+    Signals with similar names, or in the same message, are grouped into sets. The score
+    of a set depends on its completeness, its names, and the correlation of its signals.
+    The set with the highest score is returned."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
         place, worth = find_place(name)
@@ -115,7 +115,8 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Return a dict of four signals that may be wheel speeds: place -> name; {}: none.
+    """Return a dict of four signals that may be wheel speeds: place -> name. Return {} if
+    the log has no such signals.
 
     Their names do not state that they are wheel speeds. But they have the same unit, and
     their values differ by a few percent only. The places in WHEEL_PLACES are assigned to
@@ -158,7 +159,7 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return the mean of the wheel speeds, in the unit of the log.
 
     Without wheel speeds, return the signal whose name describes the speed of the car.
-    None: the log has no such signal either."""
+    Return None if the log has no such signal either."""
     if wheels:
         return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
     name = find_named_speed(look)
@@ -181,7 +182,8 @@ def is_car_speed(wheels: Mapping[str, str]) -> bool:
 
 
 def find_named_speed(look: Look, slowest: float = 0.0) -> str:
-    """Return the signal whose name best describes the speed of the car; "": none.
+    """Return the name of the signal that is most probably the speed of the car, judged by
+    names. Return "" if no name describes this speed.
 
     `slowest`: min rate of the signal, Hz."""
     named = sorted(
@@ -198,9 +200,10 @@ def is_sided(wheels: Mapping[str, str]) -> bool:
 
 
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Return right minus left wheel speed of an axle: it is proportional to the yaw rate.
+    """Return right minus left wheel speed of an axle, which is proportional to yaw rate.
 
-    None: no axle has signals of both wheels, or their names do not state the side."""
+    Return None if no axle has signals of both wheels, or if the names of these signals do
+    not state the side."""
     if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
@@ -431,10 +434,10 @@ def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[
 
 
 def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
-    """Return the guess that a signal is the brake; None: it is not.
+    """Return the guess that a signal is the brake, or None if it is not.
 
-    The name must be that of a brake. If the speed is known, the car must decelerate by
-    MIN_BRAKING_LOSS more while the brake is on."""
+    The name of the signal must be that of a brake. If the speed is known, the car must
+    decelerate by MIN_BRAKING_LOSS more while the brake is on than while it is off."""
     name, x = join_words(c.short), c.value[np.isfinite(c.value)]
     if (
         not BRAKE_NAME.search(name)

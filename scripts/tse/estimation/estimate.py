@@ -1,7 +1,7 @@
 """Run the filter over a log and write the table of estimates (EST.csv or .parquet).
 
-A run may start from the learnt state of an earlier drive. It contains what the filter
-learnt about the car on that drive, as bytes that the library writes and reads
+A run may start from the learnt state of an earlier drive. The learnt state contains what
+the filter learnt about the car on that drive, as bytes that the library writes and reads
 (tse/learnt.h)."""
 
 from __future__ import annotations

@@ -285,8 +285,8 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
 
 
 def find_spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first row and the row after the last of each run of rows for which
-    `where` is True. Runs that lie at most MAX_JOINED_GAP apart are joined."""
+    """Return a pair for each run of rows in which `where` is True: the first row of the
+    run, and the row after its last row. Runs at most MAX_JOINED_GAP apart are joined."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -343,8 +343,8 @@ def _join_stretches(one: Stretch, other: Stretch) -> Stretch:
 
 def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
     """Return a line for each change, and a line for each kind of interval. If there is
-    only one interval of a kind, its line states begin and end, otherwise number and total
-    length."""
+    only one interval of a kind, its line states begin and end. If there are several
+    intervals of a kind, their line states number and total length."""
     lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
     for name in dict.fromkeys(s.name for s in times):
         same = [s for s in times if s.name == name]

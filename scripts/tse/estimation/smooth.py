@@ -58,7 +58,7 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
     """Return, for each stiffness, the part of the relative variance that measurements do
-    not reduce. It is caused by model error and by uncertain parameters of the car.
+    not reduce. This part is caused by model error and by uncertain parameters of the car.
 
     Parameters
     ----------
@@ -108,7 +108,8 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     -----
     ln of the stiffness is smoothed, and the returned stiffness is exp of the mean over
     the rows. The variance is the mean of the smoothed variances plus the variance of the
-    smoothed means over the rows. So it does not decrease with the number of rows.
+    smoothed means over the rows. So the variance does not decrease with the number of
+    rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[

@@ -232,14 +232,14 @@ def make_findings(
     return one finding for the whole log.
 
     Stretches are judged separately, because a mean over two roads describes neither of
-    them. On a stretch, the filter forgets no row. So its value at the end of the stretch
-    uses all rows, and is the best one. This value is reported with its interval even if
-    no row is valid, next to the smoothed value of the stretch.
+    them. On a stretch, the filter forgets no row. So the value at the end of the stretch
+    uses all rows of the stretch, and is the best value of the filter. It is reported with
+    its interval even if no row is valid, next to the smoothed value of the stretch.
 
     `uncertainty_sd` is the result of Filter.uncertainty_sd() after the last row.
-    `contradictions` are the sentences of check_car(). If there are any, no stiffness of
-    the log is valid, because the filter cannot distinguish a permanently wrong channel
-    from a different car."""
+    `contradictions` are the sentences of check_car(). If there is a sentence, no
+    stiffness of the log is valid, because the filter cannot distinguish a permanently
+    wrong channel from a different car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -422,9 +422,10 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
     """Return the verdict on one stiffness.
 
     The value is the estimate in the last valid row. If the share of valid rows is below
-    MIN_VALID, it is the estimate in the last row that was not refused. A particle filter
-    forgets earlier rows. So with a particle filter the value is the median over the valid
-    rows of the whole log, unless the stiffness changed."""
+    MIN_VALID, the value is the estimate in the last row that was not refused. A particle
+    filter forgets earlier rows, so its estimate in a single row does not represent the
+    log. With a particle filter, the value is therefore the median over the valid rows of
+    the whole log, unless the stiffness changed."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0

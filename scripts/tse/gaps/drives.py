@@ -74,9 +74,10 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
     """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a
     speed over time.
 
-    They are found by iteration. The first iteration assumes no lateral motion. Each
-    iteration computes wheel speeds from the lateral motion, and then simulates the model
-    with these wheel speeds. The result is a more accurate lateral motion.
+    The wheel speeds depend on the lateral motion, and the lateral motion on the wheel
+    speeds. Both are found by iteration. The first iteration assumes no lateral motion.
+    Each iteration computes wheel speeds from the lateral motion, and then simulates the
+    model with these wheel speeds. The result is a more accurate lateral motion.
     """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))

@@ -110,8 +110,8 @@ def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)
-        # Geyer's initial positive sequence: sum pairs of values as long as they are
-        # positive
+        # Geyer's initial positive sequence: add the autocorrelations at neighbouring lags
+        # in pairs, and sum the pairs before the first one that is not positive.
         pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
         end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
         found[channel] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))

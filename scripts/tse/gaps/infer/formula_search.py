@@ -44,8 +44,8 @@ from tse.identify.data import COMPARED_CHANNELS
 # (multiple comparisons). This number is the product of the numbers of forms, places and
 # start values, and its ln is about 12.
 PRICE = 2.0
-FITTED = 6  # max number of candidates that are simulated
-PER_PLACE = 3  # max number of simulated candidates at the same place
+FITTED = 6  # max number of candidates, i.e. of formulas that are simulated
+PER_PLACE = 3  # max number of candidates that act at the same place
 # If the gap at the start of a fit is more than MAX_WORSE times the gap without a formula,
 # the form is not fitted.
 MAX_WORSE = 100.0
@@ -63,7 +63,7 @@ HALF = 0.5
 class Discovery:
     """A fitted formula: a candidate, or the result of a search.
 
-    `formula` is None if the search found none that is worth proposing.
+    `formula` is None if the search found no formula that is worth proposing.
     """
 
     formula: Formula | None

@@ -214,10 +214,10 @@ def compute_threshold(effects: int) -> float:
 def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior that a parameter has in a fit.
 
-    If the vehicle file states a prior, it is used. Otherwise the prior of a strength is
-    wide, because its size is judged only after the fit (compute_ln_size_odds()). The
-    prior of a shape has the middle of the typical range as mean, and half the width of
-    this range as sd.
+    If the vehicle file states a prior, this prior is used. Otherwise the prior of a
+    strength is wide, because its size is judged only after the fit
+    (compute_ln_size_odds()). The prior of a shape has the middle of the typical range as
+    mean, and half the width of this range as sd.
     """
     if p.prior:
         return p.default, p.prior

@@ -226,10 +226,11 @@ def fit_plain_car(problem: Problem) -> Fit:
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
     """Return the road profiles as named effects.
 
-    `level` and `on_road` are fits of the car without effects on level roads and on the
-    roads that were found. A profile closes the difference of the gaps of these two fits
-    in its own channel (ROAD_CHANNEL). If this difference is less than MIN_CLOSED of the
-    channel's gap on level roads, the profile is not named.
+    `level` and `on_road` are fits of the car without effects, on level roads and on the
+    roads that were found. The gap of each profile's own channel (ROAD_CHANNEL) is smaller
+    with `on_road` than with `level`. This difference is the gap that the profile closes.
+    If it is less than MIN_CLOSED of the channel's gap on level roads, the profile is not
+    named.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -373,8 +374,8 @@ def _make_named(
     that it closes.
 
     `h` is the effect. `final` is the fit in which all effects that are not named may have
-    small sizes. `plain` is the fit of the named effects only, and `last` is `plain` as a
-    Fit. `full` is the gap of the car without effects.
+    small sizes. `plain` is the fit of the named effects only, and `last` is `plain`
+    converted to a Fit. `full` is the gap of the car without effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)

@@ -77,7 +77,7 @@ class World:
 class Worlds:
     """The combinations (worlds) that are compared with each other by their probability.
 
-    `held` has the held-out logs; None: there are none.
+    `held` has the held-out logs. It is None if there are no held-out logs.
     """
 
     def __init__(self, problem: Problem, held: Problem | None):
