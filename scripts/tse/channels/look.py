@@ -338,8 +338,8 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
     """Find flag, counter and fine part of each guess, and set them in the guess.
 
-    A companion is in the same message as the signal of the guess. Among the signals of this
-    message, it is found by its name and its values."""
+    A companion is in the same message as the signal of the guess. Among the signals of
+    this message, it is found by its name and its values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
