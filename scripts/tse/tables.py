@@ -168,8 +168,9 @@ def effects() -> list[dict[str, Any]]:
         Keys that describe the effect: id; effect (title); enters (places of the model
         that it changes); shows_in (channels that it affects); look_alikes (ids of effects
         that are hard to distinguish from it). Keys that describe the parameter: setting;
-        unit; typical_low, typical_high; negligible (size below which an effect is not
-        named); meaning; strength (whether the value 0 switches the effect off).
+        unit; typical_low, typical_high; negligible (`tselab gap` does not report an
+        effect whose size is below this); meaning; strength (whether the value 0 switches
+        the effect off).
     """
     return [
         {

@@ -88,8 +88,8 @@ def calibrate(
     passenger cars. If the logs have a measured velocity (columns ins_vel_x, ins_vel_y,
     gnss_speed), the simulation is fitted to it, too. A parameter that these logs do not
     determine is listed. It keeps its prior, which widens the intervals of later
-    estimates. The last lines say which measurement would shorten the intervals of the
-    cornering stiffnesses most.
+    estimates. The last lines name the measurement that would shorten the intervals of
+    the cornering stiffnesses most.
 
     Half an hour of driving with bends and some braking is a good start. A second
     calibration, with --vehicle calibrated.toml and other logs, starts from the result of

@@ -127,7 +127,7 @@ class FormulaCommand(click.Command):
 )
 @JSON
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
-    """Check a formula: an effect of your own, which the catalogue does not contain.
+    """Check a formula: an effect of your own, which 'tselab gap catalogue' does not list.
 
     \b
     tselab formula gap/formula.toml

@@ -102,8 +102,8 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # print characters that the encoding of the terminal lacks as escape sequences;
-        # the name of a car, for instance, may have such characters
+        # if a character (e.g. in the name of a car) does not exist in the encoding of the
+        # terminal, print its escape sequence
         sys.stdout.reconfigure(errors="backslashreplace")
     # with this variable, tse.readers.recording limits the memory for reading logs, in
     # this process and in worker processes

@@ -164,19 +164,19 @@ def estimate(
     added), radius (wheel radius, m), valid and counter (signals of the same message that
     mark values as valid, and count messages), clock (time by which the clock of its group
     is ahead of the other groups, s), hold (the signal is sent only when it changes),
-    unsure (list of guesses about this signal. Until you remove the list, every run prints
-    it, and --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of
-    [log]: time, time_unit, step, rate, databases, separator, decimal, encoding, header. A
-    channel that the log does not have is missing in all rows; the quantities that are
-    still observable are estimated.
+    unsure (list of guesses about this signal, which every run prints, and with which
+    --strict refuses the log, until you remove the list). ratio may be a table [[angle,
+    ratio], ...]. Keys of [log]: time, time_unit, step, rate, databases, separator,
+    decimal, encoding, header. A channel that the log does not have is missing in all
+    rows; the quantities that are still observable are estimated.
 
-    For a value that the vehicle file does not give, the run assumes that of an ordinary
+    If the vehicle file does not give a value, the run assumes the value of an ordinary
     car with the same mass, lf and lr (src/tables/uncalibrated.toml): stiffness
-    proportional to the axle load, yaw inertia = mass * lf * lr, grip of a dry road. Such
-    a value has the standard deviation found among ordinary cars; --verbose lists these
-    values. The filter estimates noise and biases of the sensors. With --form paper or
-    robust the noise is estimated from the log before the filter runs. After 'tselab
-    calibrate' the prior is the posterior of the calibration.
+    proportional to the axle load, yaw inertia = mass * lf * lr, grip of a dry road. An
+    assumed value has the standard deviation found among ordinary cars; --verbose lists
+    the assumed values. The filter estimates noise and biases of the sensors. With --form
+    paper or robust the noise is estimated from the log before the filter runs. After
+    'tselab calibrate' the prior is the posterior of the calibration.
 
     A car without calibrated stiffness (no [calibration] and no [uncertainty] in its file)
     is first calibrated on the log itself, on at most ten minutes of it. The run prints
@@ -187,8 +187,8 @@ def estimate(
     The report also draws columns of the log that start with ref_. Those that name an
     estimated quantity (ref_vel_x, ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed,
     ref_wheel_fl ...) are drawn together with it, others separately. The time between rows
-    may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) take
-    noise of the wheel speeds for slip, and then underestimate the stiffness. --average
+    may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) treat
+    noise of the wheel speeds as slip, and then underestimate the stiffness. --average
     0.1 reduces this noise. A row of EST.csv then belongs to a block of 0.1 s. A noise sd
     in the vehicle file is still that of a single sample. Ctrl-C stops the run and writes
     the rows done so far.

@@ -200,8 +200,8 @@ def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
     drive_live(live, Sender("foreign", strange + trip[1500:], 2.0))
     said = " ".join(text for _, text in live.said)
     assert (
-        "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of a different bus"
-        in said
+        "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: the databases describe a different "
+        "bus" in said
     )
     assert live.drive.rows > 1300
 

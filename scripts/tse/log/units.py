@@ -10,10 +10,11 @@ if TYPE_CHECKING:
     import pint
 
 
-# Unit of pint -> spellings of this unit in logs, which pint does not know or takes for a
-# different unit. Each string has several spellings, separated by blanks. A spelling has
-# no blanks, since they are removed from the unit in a log. It is in lower case, except if
-# the case matters: kN is not kn, a knot. Hz means turns per second of a wheel.
+# Key: a unit of pint. Value: spellings of this unit in logs that pint refuses or would
+# interpret as a different unit. The spellings in a string are separated by blanks, and
+# contain none, because parse_unit() first removes all blanks from the unit in a log. A
+# spelling is in lower case, unless the case matters: kN is kilonewton, but kn is knot.
+# Hz is the unit of a wheel speed, so it means turns per second.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -47,7 +48,8 @@ _SPELLINGS = {
 SPELLINGS = {"": "1"} | {s: unit for unit, spelled in _SPELLINGS.items() for s in spelled.split()}
 
 # If a unit is not in _SPELLINGS, pint parses it, but only if it matches this pattern. The
-# pattern allows at most one ^, because pint would compute nested powers of any size.
+# pattern allows at most one ^, because pint would try to compute nested powers such as
+# 9^9^9^9, which take unlimited time and memory.
 _SIMPLE_UNIT = re.compile(r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}")
 
 
@@ -103,7 +105,8 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
     Returns
     -------
     float or None
-        None if the unit is unknown, or the units are those of different quantities.
+        The factor. None if the unit is unknown, if it measures a different quantity than
+        `wanted`, or if the conversion needs `radius`, but `radius` is not given.
     """
     found = parse_unit(unit)
     if found is None:

@@ -136,7 +136,7 @@ def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool
     Parameters
     ----------
     path : Path
-        The file, for messages.
+        The file, for error messages.
     kind : str
         candump, busmaster or table, as detect_bus_text() returns it.
     lines : Lines
@@ -321,10 +321,11 @@ HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]*\Z", re.IGNORECASE)
 class _FrameTable:
     """The layout of a CSV with one frame per row.
 
-    The data are in one column, hexadecimal or in base 64 (python-can), or in one column
-    per byte. Identifiers are decimal or hexadecimal numbers, see _is_decimal(). The title
-    of the time column may state the unit of the times. If it does not, times that are
-    integers have the unit that _guess_tick() returns, and all other times are in s."""
+    The data of a frame are either in one column or in one column per byte. A single
+    column is hexadecimal or, if python-can wrote it, in base 64. Identifiers are decimal
+    or hexadecimal numbers, see _is_decimal(). The title of the time column may state the
+    unit of the times. If the title states no unit, times that are integers have the unit
+    that _guess_tick() returns, and all other times are in s."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -341,11 +342,12 @@ class _FrameTable:
         self._remote = self._find("rtr", "isremoteframe", "remote")
 
     def _find(self, *titles: str) -> int:
-        """Return the first column with one of these titles, or -1."""
+        """Return the index of the first column with one of these titles; -1: none."""
         return next((i for i, n in enumerate(self._names) if n in titles), -1)
 
     def learn(self, rows: list[list[str]], knows: Callable[[int], bool]) -> None:
-        """Detect the base of the identifiers, the unit of the times, the coding of data.
+        """Detect the base of the identifiers, the unit of the times and the coding of the
+        data (hexadecimal or base 64).
 
         `rows` are the first rows of the table. `knows` is as in read_frames()."""
         at = self._columns
@@ -466,11 +468,12 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 
 
 def _guess_tick(stamps: np.ndarray) -> float:
-    """Return the length [s] of the unit of times that are integers: ms, us or ns.
+    """Guess the unit of integer times: ms, us or ns. Return its length [s], e.g. 1e-3.
 
-    Times since 1970 are above 1e14 in us and above 1e17 in ns. For smaller times the
-    median step decides. Consecutive frames of a bus are 0.05 ms to some ms apart. So a
-    step above 1e5 means ns, a step of 20 to 1e5 means us, and a smaller one ms."""
+    Times since 1970 are above 1e14 in us, and above 1e17 in ns. If the times are smaller,
+    the unit follows from the median step between frames. On a bus this step is about
+    0.1 to 20 ms, i.e. 1e5 to 2e7 in ns, 100 to 20000 in us, and 0.1 to 20 in ms. So a
+    step above 1e5 means ns, a step of 20 to 1e5 means us, and a step below 20 means ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
@@ -481,9 +484,10 @@ def _guess_tick(stamps: np.ndarray) -> float:
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
     """Return whether identifiers are decimal numbers, not hexadecimal ones.
 
-    They are read both ways. If the databases contain more of the decimal readings than
-    of the hexadecimal ones, the identifiers are decimal. If any identifier has a letter
-    or a leading 0, all are hexadecimal."""
+    If any identifier has a letter or a leading 0, all identifiers are hexadecimal.
+    Otherwise every identifier is converted both as a decimal and as a hexadecimal number.
+    If the databases contain more of the decimal results than of the hexadecimal results,
+    the identifiers are decimal."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False
@@ -518,8 +522,8 @@ class _GeneratedText:
 class AscText(_GeneratedText):
     """The lines of an ASC file, repaired for python-can's reader.
 
-    Relative times are summed up. If the first time is negative, all are shifted to begin
-    at 0."""
+    Relative times are summed up. If the times are absolute and the first one is negative,
+    all times are shifted such that the first one is 0."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
 
@@ -566,7 +570,8 @@ class TrcText(_GeneratedText):
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
-        """Yield the lines. A line of version 1.2 gets the column that only 1.3 has."""
+        """Yield the lines. Version 1.3 has a reserved sixth column that does not exist in
+        version 1.2: insert "-" for this column in the lines of version 1.2."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

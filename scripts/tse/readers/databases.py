@@ -1,6 +1,7 @@
 """Read databases of a CAN bus by cantools.
 
-If cantools refuses a DBC, the lines that it cannot read are left out and noted."""
+If cantools refuses a DBC, its faulty lines are repaired or left out, and the rest is
+read. A note for the user lists the faulty lines."""
 
 import importlib
 import io
@@ -71,12 +72,12 @@ class _OddLines:
     said: list[tuple[int, str]] = field(default_factory=list)  # number of the line, what is wrong
 
     def add(self, line: int, what: str) -> None:
-        """Add what is wrong with a line."""
+        """Record a faulty line, with a description of its fault."""
         self.said.append((line, what))
 
     def note(self, path: Path) -> str:
-        """Return one note that lists the first lines that were left out and counts the
-        others."""
+        """Return one note that describes the first MAX_NOTED_LINES faulty lines and gives
+        the number of further ones."""
         self.said.sort()
         first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MAX_NOTED_LINES])
         more = len(self.said) - MAX_NOTED_LINES
@@ -104,7 +105,8 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         No message can be read.
     """
     cantools = import_optional("cantools", "can", str(path))
-    # cantools warns of messages with the same name, which does not matter here
+    # cantools logs a warning if messages have the same name. The warning is suppressed,
+    # because read_can.py finds messages by their identifiers
     logging.getLogger("cantools").setLevel(logging.CRITICAL)
     try:
         size = path.stat().st_size
@@ -164,9 +166,10 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    First load all repaired lines. If cantools refuses them, load only the lines of
-    messages and signals. If it refuses these, too, load each message alone. Of a message
-    that is refused alone, only those signals are kept that can be loaded alone."""
+    First try all lines, as repaired by _split_parts(). If cantools refuses these lines,
+    try only the lines that define messages and signals. If cantools refuses these, too,
+    try each message separately. If cantools refuses a message, try each of its signals
+    separately, and keep the message with those signals that cantools accepts."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
@@ -199,9 +202,9 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
     """Split the text of a DBC into its messages and the statements about their signals.
 
-    A statement about a signal gives its values, type, comment or long name, and is
-    returned as (number of its first line, text). If the signal does not exist, the
-    statement is left out."""
+    A statement about a signal defines names of values, the number type, a comment or a
+    long name. Each statement is returned as (number of its first line, text). A statement
+    about a signal that does not exist is left out."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):
@@ -271,7 +274,7 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) 
     """Add the signal of a statement SG_ to the last message."""
     found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
-        return  # the message is left out, and a note already reports it
+        return  # the message of this signal is left out, so the signal is left out, too
     if found is None:
         odd.add(line, f"{part.strip()[:60]!r} cannot be parsed as a signal: left out")
         return
@@ -301,10 +304,11 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 
 
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
-    """Return a statement about a signal with the clean name of the signal.
+    """Replace the name of the signal in a statement by the clean name; return the result.
 
-    The statement gives values, type or comment of the signal. If it cannot be parsed, or
-    its signal does not exist, return ""."""
+    The statement defines names of values, the number type, a comment or a long name of
+    the signal. If the statement cannot be parsed, or its signal does not exist, return
+    ""."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""

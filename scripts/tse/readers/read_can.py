@@ -58,7 +58,8 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     Raises
     ------
     UserError
-        A database of the options does not exist, or there is none although `required`.
+        A database of the options does not exist; or `required` is True, and there is no
+        database.
     """
     if how.databases:
         for p in how.databases:
@@ -161,7 +162,8 @@ class Bus:
         time : ndarray, (kept frames,)
             [s] Times of the kept frames in the order of the file.
         keep : ndarray of bool, (frames,), or None
-            True for the kept frames. None: all frames are kept, and sorted by time.
+            True for the kept frames. None: all frames are kept, `time` may decrease, and
+            the values of each signal are sorted by time.
         notes : list of str
             Receives notes about repeated messages, invalid values and unknown
             identifiers.
@@ -175,8 +177,9 @@ class Bus:
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)
-        # sorted by the name of the bus (2 before 10), because the index of a bus depends
-        # on the order of the frames
+        # If a message is on several buses, the name of a channel depends on the order of
+        # this loop. Sort by the name of the bus (2 before 10), so that the names are the
+        # same in all logs. The index of a bus depends on the first frames of the log.
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -209,7 +212,7 @@ class Bus:
             raise UserError(
                 f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers "
                 f"({list_names(unknown)}) is in {', '.join(p.name for p in self._databases)}: "
-                "the database is that of a different bus"
+                "the databases describe a different bus"
             )
         if unknown and not self._how.wanted:
             notes.append(f"{len(unknown)} identifiers are in no database: {list_names(unknown)}")
@@ -283,7 +286,7 @@ def drop_codes(
 def make_key(identifier: Any, extended: Any) -> Any:
     """Return the key of a message on the first bus.
 
-    An identifier of more than 11 bits is extended, also if `extended` is False."""
+    An identifier of more than 11 bits is extended even if `extended` is False."""
     identifier = identifier & IDENTIFIER_MASK
     return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
@@ -336,9 +339,9 @@ def decode_signals(
 
 
 def _find_bits(s: Any) -> np.ndarray:
-    """Return the columns of `bits` in decode_signals() that hold a signal.
+    """Return the columns of `bits` in decode_signals() that contain the bits of a signal.
 
-    The first one is that of the lowest bit."""
+    The first column contains the least significant bit."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
     at, found = s.start, []
@@ -349,9 +352,10 @@ def _find_bits(s: Any) -> np.ndarray:
 
 
 def _find_last_byte(s: Any) -> int:
-    """Return the index of the first bit in the last byte that a signal uses.
+    """Return the number of bits before the last byte that a signal uses.
 
-    A frame contains the signal if it has more bits than this."""
+    A frame that has more bits than this number contains at least a part of the last byte,
+    so it contains the whole signal."""
     return int(_find_bits(s).max() // 8 * 8)
 
 

@@ -63,7 +63,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     times = {name: v for name, v in vectors.items() if _is_time(name, v, units)}
     if how.time is not None:
         if how.time not in vectors:
-            raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {list_names(vectors)}")
+            raise UserError(f"{path}: [log] time: there is no {how.time!r}; vectors: {list_names(vectors)}")
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
         columns = [
@@ -124,7 +124,8 @@ def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bo
 def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | LazyVector]) -> str | None:
     """Return the time vector of this length that is nearest to `name`, or None.
 
-    The distance is the number of steps between both in the tree of structs."""
+    The distance is the number of steps in the tree of structs from `name` to the time
+    vector."""
     fits = [t for t, v in times.items() if len(v) == length]
     path = name.split(".")
 

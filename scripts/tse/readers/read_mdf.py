@@ -72,8 +72,9 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# If the first block of a list should have one of these kinds, but has a different one,
-# the file is damaged. Lists of other kinds may begin with a block that is not checked
+# If a list of blocks of one of these kinds begins with a block of a different kind, the
+# file is damaged. For the other kinds this is allowed: where a list of data blocks (DL)
+# is expected, for instance, there may be a single data block (DT), which is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -130,9 +131,10 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 def _is_finished(file: BinaryIO) -> bool:
     """Return whether the recorder has finished and closed a file.
 
-    asammdf receives a finished file as an open file, because it would map the file into
-    memory if it received the path. For an unfinished file it must receive the path, to
-    complete a copy of the file."""
+    asammdf receives a finished file as an open file. If it received the path, it would
+    map the file into memory, and the mapped pages would count as memory of this process.
+    For an unfinished file asammdf must receive the path, because it copies the file and
+    completes the copy."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished

@@ -138,7 +138,7 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
     time = convert_to_seconds(path, Column(titles[0], columns[0]), notes, how)
     value, _ = convert_numbers(pd.to_numeric(columns[2], errors="coerce"))
     if value is None:
-        raise UserError(f"{path}: one value per row, but its column {titles[2]} has no numbers")
+        raise UserError(f"{path}: one value per row, but the column of values, {titles[2]}, has no numbers")
     name = columns[1].astype("string").str.strip()
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
@@ -235,7 +235,7 @@ def _check_encoding(path: Path, encoding: str) -> None:
     UnicodeDecodeError
         The file contains bytes that are invalid in this encoding.
     LookupError
-        Python does not know the encoding.
+        Python has no encoding of this name.
     """
     with open(path, encoding=encoding, newline="") as file:
         while file.read(1 << 20):
@@ -265,7 +265,7 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     if worth == 0.0 and len(lines) > 1 and not any(_is_data(x.strip()) for x in tail):
         raise UserError(
             f"{path}: is no table: none of the usual separators splits its lines into columns; "
-            "if it has a different one, set it in signals.toml: [log] separator"
+            "if the file has a different separator, set it in signals.toml: [log] separator"
         )
     return best
 

@@ -158,10 +158,12 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     """Return the unit of each column.
 
     Columns of the receiver have the units in RECEIVER_UNITS, unless their title in
-    [header] states a different unit, as "velocity mph". The last line of [channel units]
-    is the unit of the last column of the file, the line before that of the column before,
-    and so on. Lines that belong to columns of the receiver are ignored, and so are
-    surplus blank lines at the end of the section."""
+    [header] states a different unit, as "velocity mph". The units of all other columns
+    are in section [channel units]. Its lines are assigned to the columns of the file from
+    the end: the last line has the unit of the last column, the last line but one has the
+    unit of the last column but one, and so on. A line that is thus assigned to a column
+    of the receiver is ignored. Surplus blank lines at the end of the section are removed
+    first."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
@@ -230,7 +232,9 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
 
 
 def _strip_letters(cells: pd.Series) -> pd.Series:
-    """Return coordinates without the letter (M, N or E) that some loggers append."""
+    """Return coordinates without the letter that some loggers append.
+
+    The letter is M (minutes), N (north) or E (east)."""
     if pd.api.types.is_numeric_dtype(cells):
         return cells
     return cells.astype("string").str.rstrip("MmNnEe")

@@ -166,15 +166,16 @@ class Growing:
         self._values.extend([np.nan] * (length - len(self)))
 
     def array(self) -> np.ndarray:
-        """Return the column as an array. No value can be appended afterwards."""
+        """Return the column as an array. The array uses the memory of the column, so no
+        value can be appended afterwards."""
         return np.frombuffer(self._values) if self._values else np.zeros(0)
 
 
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] least size in a file of a value of a signal, of a row of a table, of a frame of
-# a bus, and of a message
+# [bytes] size that each item takes at least in a file. Items: a value of a signal, a row
+# of a table, a frame of a bus, a message
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
 BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
@@ -214,7 +215,7 @@ def check_table_width(path: Path, names: Collection[str]) -> None:
     Parameters
     ----------
     path : Path
-        The file, for the message.
+        The file, for the error message.
     names : collection of str
         Names of all columns.
 
@@ -392,8 +393,8 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# The limit is longer than any line that is read, because with a wrong separator a whole
-# line is a single cell
+# Python's own limit of the length of a cell is set above the length of any line that is
+# read. If a wrong separator is tried, the whole line is a single cell
 csv.field_size_limit(1 << 22)
 
 
@@ -405,7 +406,7 @@ def split_cells(
     Parameters
     ----------
     path : Path
-        The file, for the message.
+        The file, for the error message.
     line : str
         The line.
     separator : str
@@ -504,7 +505,7 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
     extra : str
         Name of the extra (list of optional packages) in pyproject.toml that installs it.
     what : str
-        The file that needs it, for the message.
+        The file that needs the package, for the error message.
 
     Raises
     ------

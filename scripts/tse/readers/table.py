@@ -27,10 +27,11 @@ TIME_WORDS = (
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
 MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
-# If the unit of a time column is unknown, it is concluded from the median step between
-# rows, a number without unit: the first entry whose limit is not below this number has
-# the unit. An entry is: limit, unit, length of the unit [s]. The limits follow from the
-# usual step of a log, 1 ms to 1 s, which is 0.001 .. 1 in s, 1 .. 1000 in ms, and so on.
+# If the unit of a time column is unknown, it follows from the median step between rows, a
+# number without unit. Each entry is: limit, unit, length of the unit [s]. The first entry
+# whose limit is at least the median step gives the unit. The usual step of a log is 1 ms
+# to 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The limits of ms
+# and us are twice as large, so that a step up to 2 s is accepted.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
@@ -70,7 +71,7 @@ def make_recording(
     Parameters
     ----------
     path : Path
-        The file, for messages.
+        The file, for error messages.
     format_ : str
         Name of its format.
     columns : sequence of Column
@@ -235,7 +236,7 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     Parameters
     ----------
     path : Path
-        The file, for messages.
+        The file, for error messages.
     c : Column
         Numbers, dates (converted to s since 1970), times of day, or durations.
     notes : list of str
@@ -284,9 +285,13 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
 
 
 # Limits of correct_time_units(). A group is the channels that share one array of times
-MAX_GROUP_STEP = 2.0  # median step of times; a group with a longer step may count in ms, us or ns
-MIN_GROUP_ENTRIES = 100  # a group with fewer times keeps its unit
-DURATION_TOLERANCE = 0.03  # if the unit is right, durations of groups differ by less than this share
+# Max median step of the times of a group that are taken as s. If the step is longer, the
+# times may be in ms, us or ns
+MAX_GROUP_STEP = 2.0
+MIN_GROUP_ENTRIES = 100  # a group with fewer times is ignored when the unit is guessed
+# Max relative difference of the duration of a group from the duration of the groups in s.
+# If a conversion from ms, us or ns leads to a larger difference, the unit is wrong
+DURATION_TOLERANCE = 0.03
 
 
 def correct_time_units(
@@ -295,9 +300,10 @@ def correct_time_units(
     """Return channels with their times in s, for a format that prescribes s.
 
     Some recorders write other units nevertheless. A group is the channels that share one
-    array of times. If the median step of every group is longer than 2, all times are
-    taken as ms, us or ns. If only some groups have such steps, each of them is converted
-    if it lasts 1000 times (or 1e6 or 1e9 times) as long as the other groups.
+    array of times. A median step above 2 (MAX_GROUP_STEP) is too long for a step in s. If
+    every group has such a step, all times are taken as ms, us or ns. If only some groups
+    have such a step, a group of these is converted if it lasts 1000 times (or 1e6 or 1e9
+    times) as long as the groups in s.
 
     Parameters
     ----------
@@ -328,9 +334,10 @@ def correct_time_units(
 def _guess_units(
     times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
 ) -> dict[int, float]:
-    """Return the lengths [s] of the units of times that are not in s.
+    """Guess which times are not in s. Return the length [s] of the unit of each of these.
 
-    Keys of `times` and of the result are the id() of an array of times."""
+    Keys of `times` and of the result: id() of an array of times. An array that is not in
+    the result is in s."""
     steps = {
         i: float(np.median(d[d > 0]))
         for i, t in times.items()

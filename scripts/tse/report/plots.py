@@ -24,9 +24,9 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 THIN_ROWS = 1 << 18  # number of rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# The estimated noise is drawn only if its ratio to the setting exceeds this. The limit is
-# above 1, because steps of steering and torque raise the ratio even if the setting is
-# correct.
+# The estimated noise of a channel is drawn only if its ratio to the setting of the noise
+# of this channel exceeds this limit. The limit is above 1, because steps of steering and
+# torque raise the ratio even if the setting is correct.
 MAX_NOISE_RATIO = 1.4
 NOISE_SETTLING_TIME = 2.0  # [s] the estimate of the noise is not usable before this time
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
@@ -38,8 +38,9 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-# Max number of events that have a label in the plot. Further changes are drawn without a
-# label, and further intervals have no label either
+# Max number of labels in a plot. Labels mark changes of the road and intervals of a fault
+# or of sliding. If there are more changes than labels, a line without a label marks each
+# of the other changes
 MAX_LABELS = 16
 # Max number of shaded intervals in a plot. If there are more, those with the shortest
 # gaps between them are joined.
@@ -190,8 +191,8 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
     """Return for every `stride` rows the index of the row with the min of `y`.
 
     The indices are used for lines whose values at a point must come from the same row,
-    such as probabilities with the sum 1. Each index is returned twice, so that these
-    lines have as many points as those of thin_rows().
+    such as probabilities with the sum 1. Each index is returned twice, because
+    thin_rows() returns two values for every `stride` rows, too.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -573,7 +574,8 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
 
 def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
     """Draw a vertical line through all plots at each change. In the plot `row`, label the
-    most probable changes and the longest intervals, at most MAX_LABELS in total."""
+    MAX_LABELS most probable changes. If labels are left, label the longest of `spells`,
+    which are intervals of a fault or of sliding."""
     figure.layout["shapes"] += [
         {
             "type": "line",
@@ -690,7 +692,8 @@ def draw_health(d: Data) -> Figure:
     normalised innovations squared (with a particle filter, the effective number of
     particles), and status.
 
-    The estimated noise is drawn only if its ratio to a setting exceeds MAX_NOISE_RATIO.
+    The estimated noise of the channels is drawn only if, for one channel, its ratio to
+    the setting of the noise exceeds MAX_NOISE_RATIO.
     The model discrepancy and the lag of the steering angle are drawn only if the
     estimates have them."""
     particles = bool((d.line("n_eff") > 1).any())

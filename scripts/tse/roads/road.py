@@ -50,7 +50,8 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
 # [m] distance between the two places from which the derivative of a profile is computed.
-# It is less than the 40 m between the knots of a fitted profile.
+# It is much less than the 40 m between the knots of a fitted profile, so that both places
+# usually lie between the same two knots, where the profile is linear.
 SLOPE_DISTANCE = 5.0
 # [m] sd of the Gaussian window that smooths curvatures. It is half the distance over
 # which a car turns into a bend.
@@ -79,7 +80,7 @@ class Road:
     is_closed
         True: a circuit.
     path
-        The file, for messages.
+        The file, for error messages.
 
     Raises
     ------
@@ -142,8 +143,8 @@ class Road:
         name
             bank, grade, bank_sd, grade_sd, curvature, x or y.
         distance
-            (m,) [m] distances along the road. In a circuit, they may count further in
-            each round. NaN: not on the road.
+            (m,) [m] distances along the road. In a circuit, the distance may keep
+            increasing from round to round. NaN: not on the road.
 
         Returns
         -------
@@ -158,7 +159,8 @@ class Road:
     def compute_slope(self, name: str, distance: Array) -> Array:
         """Return the derivative of a column with respect to distance, per m.
 
-        Parameters as in interpolate(). The derivative is the mean over SLOPE_DISTANCE."""
+        Parameters as in interpolate(). The derivative is the mean over the last
+        SLOPE_DISTANCE before each place."""
         return (
             self.interpolate(name, distance) - self.interpolate(name, distance - SLOPE_DISTANCE)
         ) / SLOPE_DISTANCE
@@ -169,7 +171,7 @@ class Road:
     ) -> Road:  # fmt: skip
         """Return a road with the path of this road and a new profile.
 
-        The profile is linear between knots, i.e. given places.
+        The profile is given at places called knots, and is linear between them.
 
         Parameters
         ----------
@@ -201,11 +203,12 @@ def make_road(
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the coordinates east and north of an origin, m, of places near the origin.
+    """Convert latitude and longitude [deg] to distances [m] east and north of an origin.
 
-    `origin`: latitude and longitude, deg. The projection is equirectangular. Within 10 km
-    of the origin, its error is up to 5 m at a latitude of 60 deg. The error of a place is
-    the same in all laps, so it does not affect the matching.
+    `origin`: latitude and longitude, deg. The projection is equirectangular. At places
+    within 10 km of the origin, and at a latitude of 60 deg, the error of the projection
+    is up to 5 m. The error of a place is the same in all laps, so the error does not
+    affect the matching.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -300,8 +303,8 @@ def _format_range(name: str) -> str:
 def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str) -> None:
     """Check the columns of a road.
 
-    `columns`: name -> values. `line`: number of each row in messages. `place`: what these
-    numbers count: "line" or "row".
+    `columns`: name -> values. `line`: number of each row, for error messages. `place`:
+    word before this number in error messages, "line" or "row".
 
     Raises
     ------

@@ -29,15 +29,17 @@ from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_
 
 # methods by which places are found, as messages name them
 GNSS, PATH = "GNSS position", "path"
-# Method -> [m] sd of the distance along the road that it finds. The value of PATH is the
-# rms difference from distances by GNSS in four real laps.
+# Key: method. Value: [m] sd of the distances along the road that the method finds. The sd
+# of PATH is the rms difference between the distances by PATH and by GNSS in four real
+# laps.
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
 # [m] If a position is further than this from the path of the road, it is off the road.
 # The value is the width of four lanes, or the error of a poor GNSS receiver.
 MAX_OFF_ROAD = 15.0
-# [m] The search for the place nearest to the car includes the direction of driving. If
-# the road has the opposite direction at a place, its distance counts as at least this.
+# [m] A difference between the directions of car and road counts as an additional distance
+# between them, of this size if the directions are opposite. It exceeds MAX_OFF_ROAD, so a
+# place at which the road has the opposite direction is never matched.
 DIRECTION_DISTANCE = 20.0
 # [m/s] Below this speed, the car is taken to stand. The measured yaw rate is then the
 # bias of the gyro.
@@ -50,7 +52,8 @@ SLIP_COST = 3.0
 # [1] sd of the difference between the curvatures of log and road, relative to the rms
 # curvature of the road: drivers take different lines.
 ALIKE_SD = 0.25
-# [1/m] min of this sd, as an absolute value. It allows for steering corrections on a
+# [1/m] min sd of the difference between the curvatures of log and road, in place of
+# ALIKE_SD x rms curvature if this is smaller. It allows for steering corrections on a
 # straight, which have a radius of 2 km.
 MIN_ALIKE_SD = 5e-4
 # [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
@@ -69,7 +72,8 @@ MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
 # of the reversed or mirrored road matched.
 SURE_TURN = 6.0
 # [1] The place of a stretch is ambiguous if a different part of the road matches nearly
-# as well: its correlation with the stretch exceeds that of the found part - SAME_ALIKE.
+# as well as the found part. This is so if the correlation of the different part with the
+# stretch is larger, equal, or smaller by less than SAME_ALIKE.
 SAME_ALIKE = 0.05
 # [1] An integral below SURE_TURN also suffices if it exceeds this share of the integral
 # of |curvature| over the whole road or over the whole log, whichever is smaller.
@@ -391,11 +395,12 @@ def _find_round(road: Road) -> tuple[int, int] | None:
     """Return first and last place of the first round, as indices; None: no circuit.
 
     At the end of a round, the path reaches the beginning of the round again, in the same
-    direction. If the road has positions, the first part of the path that comes within
-    MAX_OFF_ROAD of the beginning again is searched. The end is the place in it that is
-    nearest to the beginning. Without positions, the length of the round is a shift that
-    meets two conditions: the curvature correlates with the shifted curvature (MIN_ALIKE),
-    and dead reckoning over this length returns to its start (MAX_CLOSURE).
+    direction. If the road has positions, the function finds the first part of the path
+    that returns to within MAX_OFF_ROAD of the beginning. In this part, the place nearest
+    to the beginning is the end of the round. Without positions, the function tries
+    lengths of the round. A length must meet two conditions: the curvature correlates with
+    the curvature one length later (MIN_ALIKE), and dead reckoning over the length returns
+    to its start (MAX_CLOSURE).
     """
     s = road.distance
     if road.x is not None:
@@ -443,15 +448,15 @@ def _add_direction(x: Array, y: Array) -> Array:
 def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
     """Return the distance along the road of each row, and the method (GNSS or PATH).
 
-    The distance is NaN off the road. `name`: name of the log in messages."""
+    The distance is NaN off the road. `name`: name of the log in error messages."""
     if track.latitude is not None and road.latitude is not None:
         x, y = to_local(track.latitude, track.longitude, road.origin)
         start = to_local(road.latitude, road.longitude, road.origin)
         found = match_by_position(start[0], start[1], road.distance, x, y, track.travelled)
         if not np.isfinite(found).any():
             raise UserError(
-                f"{name}: is not on the road {road.path}: no position is within {MAX_OFF_ROAD:g} m of it "
-                "while driving in its direction"
+                f"{name}: is not on the road {road.path}: the car was never within {MAX_OFF_ROAD:g} m of the "
+                "road and driving in the direction of the road"
             )
         return found, GNSS
     if track.latitude is None and track.x is not None and road.latitude is None and road.x is not None:
@@ -552,7 +557,8 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     if not (place >= 0).any():
         raise UserError(
             f"{name}: cannot be aligned with {road.path}: its bends match those of the road nowhere over a "
-            "sufficient length; it is a different road, the opposite direction, or too short a part"
+            "sufficient length; the car drove on a different road, in the opposite direction, or not far "
+            "enough"
         )
     if _is_ambiguous(place, its, turn, step, road.is_closed):
         raise UserError(
@@ -667,9 +673,10 @@ def _is_ambiguous(
 ) -> bool:
     """Return whether the longest stretch also matches a different part of the road.
 
-    It does if its correlation with the different part exceeds its correlation with the
-    part on which it was found - SAME_ALIKE. `its`, `turn`, `step`: as in
-    _accept_stretches()."""
+    The part of the road on which the stretch was found is shifted along the road. The
+    stretch matches a shifted part if its correlation with the shifted part is larger
+    than, equal to, or less than SAME_ALIKE below its correlation with the found part.
+    `its`, `turn`, `step`: as in _accept_stretches()."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE

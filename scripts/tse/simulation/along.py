@@ -23,7 +23,7 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class ModelMisfit:
-    """Difference of a measured and a simulated channel above MIN_COMPARE_SPEED."""
+    """Measured minus simulated channel, in rows with a speed above MIN_COMPARE_SPEED."""
 
     # rms of the difference about its mean, i.e. without the bias of the sensor. NaN: the
     # log lacks the channel
@@ -36,9 +36,10 @@ class ModelMisfit:
 def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
     """Simulate the model with the inputs of a log.
 
-    Bank and grade of the road are read from the columns bank and grade of the log. If it
-    lacks them, the settings are used. Inputs and simulated channels are shifted by the
-    latencies in the settings.
+    Bank and grade of the road are read from the columns bank and grade of the log. If the
+    log lacks these columns, the settings bank_angle and grade_angle are used. A logged
+    input is shifted by its latency to the earlier time at which it acted. A simulated
+    channel is delayed by the latency of the measured channel.
 
     Parameters
     ----------
@@ -79,14 +80,15 @@ def _derive_road(
 ) -> tuple[Config, dict[str, Values]]:
     """Return the settings and, for each row, bank and grade [rad].
 
-    The model adds bank and grade to bank_angle and grade_angle of the settings. They are
-    chosen such that the sum is the logged value in rows that have one, and the value of
-    the settings in all other rows.
+    The model adds the returned bank and grade to the settings bank_angle and grade_angle.
+    In a row with a logged value, the function returns the logged value minus the setting,
+    so that the sum is the logged value. In all other rows it returns 0, so that the sum
+    is the setting.
 
     If the log has a column bank, the returned settings have bank_superelevation = 0,
     because the logged bank already contains the effect of this setting. In rows without a
-    logged bank, the effect is part of the returned bank: it is
-    -bank_superelevation v r/g, with the speed v and the yaw rate r.
+    logged bank, the function therefore returns the bank that this setting causes instead
+    of 0: -bank_superelevation v r/g, with the speed v and the yaw rate r.
     """
     given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
@@ -103,7 +105,7 @@ def _derive_road(
 
 
 def _shift_channel(time: Values, x: Values, by: float) -> Values:
-    """Return, for each row, the value of a channel `by` [s] later."""
+    """Return, for each row, the value that a channel has `by` [s] after this row."""
     return np.asarray(np.interp(time + by, time, x)) if by else x
 
 
@@ -136,7 +138,7 @@ def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
 
 
 def list_curves(table: pd.DataFrame) -> list[tuple[str, list[tuple[str, Any, Any]]]]:
-    """Return measured and simulated channels in the form that plots.lines() draws."""
+    """Return measured and simulated channels as rows for plots.draw_lines()."""
     t = table["time"]
     return [
         (

@@ -93,7 +93,8 @@ def _make_step_steer(
 def _make_sine_sweep(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Steer by a sine sweep, exponentially from 0.2 to 3 Hz, at constant speed."""
+    """Steer by a sine whose frequency rises exponentially from 0.2 to 3 Hz, at constant
+    speed."""
     low, high = 0.2, 3.0
     rate = np.log(high / low) / max(t[-1], 1e-9)
     phase = 2 * np.pi * low * np.expm1(rate * t) / rate

@@ -1,5 +1,6 @@
-"""Run the filter on the frames of a CAN bus while driving, and record the drive. If the
-bus fails, a sentence reports it, and the drive goes on."""
+"""Run the filter on the frames of a CAN bus while driving, and record the drive. Events,
+such as a failure of the bus, are reported to the user as sentences of text. After a
+failure of the bus the filter continues as soon as frames arrive again."""
 
 from __future__ import annotations
 
@@ -49,20 +50,20 @@ from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # [s] min time between two calls that process frames
-# [s] A sentence reports a bus that has sent no frame, or a channel that has received no
-# value, for this time
+# [s] If the bus sends no frame for this time, or a channel receives no value, the user
+# gets a sentence about it
 SILENT = 1.0
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
-# [s] time after the first frame. If no frame received by then is defined in the
-# databases, a sentence reports that the databases are those of a different bus
+# [s] time after the first frame. If the databases define none of the frames received
+# until then, the user gets a sentence that the databases describe a different bus
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
-# Checks whether channels contradict each other. FIRST_CHECK: [s] time of the first check.
-# CHECKED: [s] time between two checks
+# The channels are checked for contradictions between them. FIRST_CHECK: [s] time of the
+# first check. CHECKED: [s] time between two checks
 FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
 # [s] LISTENED: time for which frames are collected before each proposal of signals.
-# MAX_LISTENED: max duration of the frames that are kept for the proposals
+# MAX_LISTENED: max time from the first to the last frame that is kept for the proposals
 LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2  # [s] max time from first to last frame of a piece (_cut_pieces())
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
@@ -207,8 +208,8 @@ class Record:
     """Folder in which a drive is recorded: received frames, rows of the
     filter, estimates and events.
 
-    If the folder cannot be written, a sentence reports it, recording ends, and the filter
-    goes on. If `folder` is None, nothing is recorded."""
+    If the folder cannot be written, `say` is called with a sentence about it, recording
+    ends, and the filter goes on. If `folder` is None, nothing is recorded."""
 
     def __init__(self, folder: Path | None, say: Say):
         self._own = tempfile.TemporaryDirectory(prefix="tselab-") if folder is None else None
@@ -462,7 +463,7 @@ class LiveDrive:
         `came`: frames since the last call. `now`: [s] time.monotonic()."""
         if came:
             if self._quiet:
-                self.say(f"frames again, after {now - self._last_frame:.1f} s")
+                self.say(f"frames arrive again, after {now - self._last_frame:.1f} s without a frame")
             self._last_frame, self._quiet = now, False
             self._first_frame = min(self._first_frame, now)
         elif not self._quiet and now > self._last_frame + SILENT:
@@ -476,7 +477,7 @@ class LiveDrive:
             few = list_names(f"{i:#x}" for i in sorted(unknown))
             names = ", ".join(p.name for p in self.databases)
             self.say(
-                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of "
+                f"none of the {len(unknown)} identifiers ({few}) is in {names}: the databases describe "
                 "a different bus"
             )
 
@@ -649,7 +650,9 @@ class LiveDrive:
                     "until the next value"
                 )
             elif not gone and c in self._silent:
-                self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
+                self.say(
+                    f"{c}: values arrive again, after {bus_now - self._silent.pop(c):.1f} s without a value"
+                )
 
     # ---- written rows
 
