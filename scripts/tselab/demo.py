@@ -154,8 +154,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
 
 
 def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
-    """Write logs of a car with the effect HIDDEN, run the workflow of `tselab gap` on
-    them, and print this effect and the effect that the workflow names."""
+    """Write logs of a car with the effect HIDDEN, and run the workflow of `tselab gap` on
+    these logs. Print HIDDEN and the effect that the workflow finds."""
     make_directory(out)
     path = out / "car.toml"
     with write_atomically(path) as file:

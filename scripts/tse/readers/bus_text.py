@@ -42,11 +42,12 @@ class CanFrame(NamedTuple):
 class Lines:
     """The lines of a text file in UTF-8, UTF-16 or cp1252.
 
-    Also counts the lines and frames that are skipped."""
+    The object also collects the numbers of the lines that cannot be parsed, and counts
+    the error frames."""
 
     def __init__(self, path: Path):
         self._path = path
-        self.number = 0  # number of the line that was read last, from 1
+        self.number = 0  # number of the line that was read last; the first line is 1
         self.odd: list[int] = []  # numbers of the lines that cannot be parsed
         self.errors = 0  # number of error frames
 
@@ -250,8 +251,8 @@ def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of a log of BUSMASTER.
 
     In RELATIVE MODE the times are differences, which are summed up. In all other modes
-    they may restart from 0 at midnight. A day is then added to all further times, so that
-    they keep increasing."""
+    the times may restart from 0 at midnight. After each restart, one more day is added to
+    all further times, so that the times keep increasing."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -468,12 +469,12 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 
 
 def _guess_tick(stamps: np.ndarray) -> float:
-    """Guess the unit of integer times: ms, us or ns. Return its length [s], e.g. 1e-3.
+    """Guess the unit of integer times: ms, us or ns. Return its length [s].
 
     Times since 1970 are above 1e14 in us, and above 1e17 in ns. If the times are smaller,
     the unit follows from the median step between frames. On a bus this step is about
     0.1 to 20 ms, i.e. 1e5 to 2e7 in ns, 100 to 20000 in us, and 0.1 to 20 in ms. So a
-    step above 1e5 means ns, a step of 20 to 1e5 means us, and a step below 20 means ms."""
+    step above 1e5 means ns, a step of 20 to 1e5 means us, and a shorter step means ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):

@@ -222,13 +222,13 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Select the kept ones of `frames`; return their times [s] and an index.
+        """Return the times [s] of the kept frames that contain a signal, and an index.
 
-        `frames` has the numbers of the frames that contain a signal. The returned index
-        selects the values of this signal at the returned times. It is a mask of kept
-        frames, an order by time, or slice(None) for all values. `time` and `keep` are as
-        in channels(). `place` has, for each frame of the log, its index in `time`. None:
-        all frames are kept."""
+        `frames`: numbers of the frames that contain the signal. `time`, `keep`: as in
+        channels(). `place`: for each frame of the log, its index in `time`; None: all
+        frames are kept. The returned index is applied to the values of the signal in
+        `frames`, and selects the values at the returned times. The index is a mask of the
+        kept frames, an order by time, or slice(None) for all values."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -240,7 +240,7 @@ class Bus:
 
 
 def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
-    """Return the messages of all databases: key by make_key() -> message.
+    """Return the messages of all databases. Key: from make_key(). Value: the message.
 
     If two messages have the same key, the first one is used."""
     messages: dict[int, Any] = {}

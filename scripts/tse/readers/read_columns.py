@@ -84,9 +84,9 @@ def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
 def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
     """Yield each field that is no struct, with the indices that lead to it.
 
-    The first index is that of the column in the file, each further one that of a field in
-    a struct. The name of the yielded field is its path: car.speed for field speed of
-    struct car."""
+    The first index selects a column of the file. Each further index selects a field of a
+    struct. The name of the yielded field is its path: car.speed for the field speed of
+    the struct car."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
         if not pa.types.is_struct(field.type):

@@ -211,8 +211,9 @@ def _decode_frames(
 ) -> dict[str, Channel]:
     """Return the signals in the frames of all buses, sorted by time.
 
-    `others`: whether the file has other channels. If it has none, a missing database is
-    an error. Otherwise the frames are skipped if there is no database."""
+    `others`: whether the file also has channels that are not frames of a bus. If there is
+    no database for the frames, and `others` is True, the frames are skipped. If there is
+    no database, and `others` is False, UserError is raised."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):

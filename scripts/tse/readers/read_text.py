@@ -290,9 +290,9 @@ def _find_layout(
     Returns
     -------
     int or None
-        Index of the line of the names; None without names.
+        Index of the line of the names. None: no line has names.
     list of str or None
-        Units, from a line between names and data; None without such a line.
+        Units, from a line between names and data. None: there is no such line.
     int
         Index of the first line of data.
     """

@@ -115,10 +115,11 @@ class Recording:
     def since_start(self) -> Recording:
         """Return the recording with times that begin near 0.
 
-        If the times are counted from 1970, so that the first sample is at 1e6 s or later,
-        the whole seconds of its time are subtracted from all times and added to `start`.
-        Otherwise the times are unchanged. No accuracy is lost before the subtraction: a
-        double stores a present time since 1970 with an error below a microsecond."""
+        If the time of the first sample is 1e6 s or later, the times are counted from
+        1970. In this case the whole seconds of the first time are subtracted from all
+        times and added to `start`. Otherwise the times are unchanged. No accuracy is lost
+        before the subtraction: a double stores a present time since 1970 with an error
+        below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -372,7 +373,7 @@ def _watch_thread(path: Path, limit: float) -> Iterator[None]:
             _THREAD.watched = False
             ended.set()
             watcher.join()
-            interrupt(ctypes.c_ulong(ident), None)  # cancel a requested, not yet raised interrupt
+            interrupt(ctypes.c_ulong(ident), None)  # cancel an interrupt that is not raised yet
     except _TookLong as error:
         _release_frames(error)
         raise _make_time_error(path, limit) from None
@@ -457,11 +458,11 @@ class ReadOptions:
     """Options of a reader, from table [log] of signals.toml and from the command line."""
 
     databases: tuple[Path, ...] = ()  # databases of the bus; (): those in the folder of the log
-    # each of the following members may be None; the reader then finds the value itself,
-    # unless the comment of the member says otherwise
+    # Each of the following members may be None. None means that the reader finds the
+    # value itself, unless the comment of the member describes a different meaning
     time: str | None = None  # name of the time column
     time_unit: str | None = None
-    step: float | None = None  # [s] time between rows of a table; used if it has no time column
+    step: float | None = None  # [s] time between rows; used if the table has no time column
     separator: str | None = None  # character between the cells of a CSV
     decimal: str | None = None  # decimal sign of a CSV
     encoding: str | None = None

@@ -252,7 +252,7 @@ class Data:
     @property
     def time(self) -> np.ndarray:
         """[s] Times to which the estimates refer. If channels are logged with a delay,
-        they are earlier than the times of the rows."""
+        the estimates refer to times earlier than those of the rows."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time

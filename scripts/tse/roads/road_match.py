@@ -1,6 +1,6 @@
 """Find the place on a road of each row of a log.
 
-If the log and the road have positions, the place on the road is that nearest to the
+If the log and the road have positions, the place on the road is the one nearest to the
 position. Otherwise, the curvature of the path of the car (yaw rate / speed) as a function
 of the travelled distance is matched with the curvature of the road. This uses a hidden
 Markov model (Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260). Its states are places on
@@ -27,7 +27,7 @@ from tse.library.errors import UserError
 from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
-# methods by which places are found, as messages name them
+# names of the two methods that find places on a road, as in messages to the user
 GNSS, PATH = "GNSS position", "path"
 # Key: method. Value: [m] sd of the distances along the road that the method finds. The sd
 # of PATH is the rms difference between the distances by PATH and by GNSS in four real
@@ -59,17 +59,17 @@ MIN_ALIKE_SD = 5e-4
 # [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
 # large difference, e.g. when the car overtakes, does not put the car off the road.
 MAX_SQUARED_ERROR = 9.0
-# [nat] cost of each step of the log off the road. It equals the cost of a curvature that
-# differs from the curvature of the road by 1.4 sd.
+# [nat] cost of each step in which the log is off the road. It equals the cost of a
+# curvature that differs from the curvature of the road by 1.4 sd.
 ELSEWHERE_COST = 1.0
-# [nat] cost of leaving the road, and of reaching it. It equals the cost of 75 m off the
-# road.
+# [nat] cost of leaving the road, and cost of reaching it. Each equals the cost of being
+# off the road for 75 m, i.e. 30 steps.
 TURN_OFF_COST = 30.0
 MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
 MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
-# [rad] If this integral exceeds SURE_TURN, the match is not taken as chance. A stretch
-# with a smaller integral may match by chance: on a winding road, a stretch with 3.6 rad
-# of the reversed or mirrored road matched.
+# [rad] If the integral of |curvature| of the road over a stretch exceeds this, the match
+# of the stretch is not taken as chance. A stretch with a smaller integral may match by
+# chance: on a winding road, a stretch with 3.6 rad of the reversed or mirrored road did.
 SURE_TURN = 6.0
 # [1] The place of a stretch is ambiguous if a different part of the road matches nearly
 # as well as the found part. This is so if the correlation of the different part with the
@@ -576,7 +576,8 @@ def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return distance along the road / distance from the wheel speeds; 1: unknown."""
+    """Return the ratio of the distance along the road to the distance from the wheel
+    speeds; 1 if the ratio is unknown."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
     steps = steps[steps >= 0] if is_closed else steps  # a step is negative if a new round begins
     return float(np.mean(steps))
@@ -693,7 +694,7 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Return the places with a resolution below a step, as distances [m] from the first.
+    """Return the places with a resolution below a step, as distances [m] from place 0.
 
     NaN: off the road. The offset between distance along the road and travelled distance
     changes slowly. It is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit

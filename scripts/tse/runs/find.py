@@ -44,7 +44,7 @@ class Drive:
     signals: Path | None = None
     start: float = 0.0  # [s since 1970] time when the drive began
     start_from: str = "file"  # source of `start`, see find_start()
-    error: str = ""  # reason why the log cannot be estimated; empty: it can be
+    error: str = ""  # reason why the log cannot be estimated; empty: it can be estimated
 
 
 def find_drives(
@@ -136,8 +136,8 @@ def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
 
 
 def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
-    """Return a drive for each log, with the car of the first row of the table that
-    matches it. A log that no row matches gets an error."""
+    """Return a drive for each log. The car of the drive is in the first row of the table
+    that matches the log. If no row matches the log, the drive has an error."""
     rows = _read_table(table)
     base = resolve_path(table).parent
     vehicles = sorted({resolve_path(base / r["vehicle"]).with_suffix("") for r in rows})
@@ -154,9 +154,9 @@ def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Dri
 
 
 def _is_match(path: Path, base: Path, pattern: str) -> bool:
-    """Return whether a value of the column log matches a log: it is the path of the log
-    or of a folder that contains it, or a glob pattern. Paths are relative to `base`, the
-    folder of the table."""
+    """Return whether `pattern`, a value of the column log, matches the log `path`. The
+    value may be the path of the log, the path of a folder that contains the log, or a
+    glob pattern. Paths are relative to `base`, the folder of the table."""
     return base / pattern in (path, *path.parents) or fnmatch.fnmatch(
         str(path), str(Path(glob.escape(str(base))) / pattern)
     )
@@ -243,8 +243,8 @@ def _read_name_date(path: Path) -> float | None:
 
 
 def _read_log_start(path: Path) -> float | None:
-    """Return the start time in the header of a log [s since 1970]. None: the format has
-    none. Formats that have one are MDF 4, MDF 3, BLF and MCAP."""
+    """Return the start time in the header of a log [s since 1970]. Formats with a start
+    time are MDF 4, MDF 3, BLF and MCAP. None: the log has a different format."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:

@@ -97,9 +97,9 @@ class Store:
         return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
-        """Return the stored outcome of a log, or None if the log has to run. It has to
-        run if no outcome for the same files and settings is stored, if a different user
-        wrote the stored outcome, or if one of the result files is missing."""
+        """Return the stored outcome of a log, or None if the log has to run. The log has
+        to run if no outcome for the same files and settings is stored, if a different
+        user wrote the stored outcome, or if one of the result files is missing."""
         with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log runs
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
@@ -251,6 +251,6 @@ def _shorten_digest(text: str) -> str:
 def _name_car_files(name: str) -> str:
     """Return the start of the names of the files of a car: the name of the car. A digest
     is appended if characters of the name had to be replaced, or if the name has capital
-    letters, because some file systems do not distinguish these from small letters."""
+    letters, because some file systems do not distinguish capital from small letters."""
     plain = _clean_name(name)
     return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

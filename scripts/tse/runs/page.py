@@ -70,7 +70,7 @@ class Car:
 
     @property
     def reason(self) -> str:
-        """The smallest stiffness, or why no stiffness is known, as a sentence."""
+        """Sentence with the smallest stiffness, or why no stiffness is known."""
         if not self.softest:
             return (
                 "no stiffness is known: " + "; ".join(dict.fromkeys(self.why.values()))

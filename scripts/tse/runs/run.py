@@ -125,8 +125,8 @@ def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
 
 
 class _Chain:
-    """The drives of a car that still have to run, and the learnt state
-    of the last one that ran."""
+    """The drives of a car that still have to run, and the learnt state after the last
+    drive that ran."""
 
     def __init__(self, drives: Sequence[Drive], plan: FleetPlan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
@@ -155,7 +155,8 @@ class _Chain:
         return None
 
     def make_task(self, drive: Drive) -> Task:
-        """Return the task of a drive."""
+        """Return the task of a drive: its files, the options of the fleet, and the learnt
+        state after the previous drive of the car."""
         reading, plan = self.plan.reading, self.plan
         vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
         mine = (

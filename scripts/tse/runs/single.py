@@ -121,7 +121,7 @@ def assemble_run(
 ) -> Prepared:
     """Check vehicle, log and settings against each other, and prepare the run.
 
-    `vehicle`: the car; missing values are filled in in this object. `config_path`: file
+    `vehicle`: the car; this function fills in its missing values. `config_path`: file
     of settings, or None. `average`: [s] length of the blocks over which the log is
     averaged; None: no averaging. `options`: settings by name; a value None means that
     the setting is not given. `settings`: settings that override all others. `source`:
@@ -141,7 +141,7 @@ def assemble_run(
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # the default filter estimates the noise itself
+        average_sensors(vehicle, lively)  # missing sds stay missing: this filter estimates them
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
@@ -211,7 +211,7 @@ class Run:
     findings: list[Finding]
     notes: list[str]  # sentences from the preparation and from the run
     reported: bool  # whether the report was written
-    started_from: str | None = None  # sentence about the learnt state of the start, with its age
+    started_from: str | None = None  # sentence: learnt state from which the filter started, its age
 
 
 def run_prepared(

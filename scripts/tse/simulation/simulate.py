@@ -13,7 +13,7 @@ from tse.roads.road import Road
 from tse.simulation.maneuvers import Maneuver
 
 SPEED_GAIN = 2.0  # [1/s] gain of the speed controller: acceleration per error of the speed
-BRAKE_FRONT = 0.6  # [1] share of the brake force at the front axle
+BRAKE_FRONT = 0.6  # [1] share of the front axle in the brake force
 HOLD_TORQUE = 300.0  # [Nm] brake torque of an axle at standstill
 # [rad/s] sd of the noise of real wheel speeds. Without noise, values would repeat
 # exactly, and the filter would detect a frozen channel
@@ -125,7 +125,7 @@ def _follow_speed(
 ) -> None:
     """Set the drive and brake torques of row i by a proportional controller of the speed.
 
-    `now`: present speed [m/s]. `front`: share of the drive force at the front axle."""
+    `now`: present speed [m/s]. `front`: share of the front axle in the drive force."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0

@@ -127,7 +127,7 @@ class Reader(threading.Thread):
             self._bus.shutdown()
 
     def run(self) -> None:
-        """Read until stop()."""
+        """Read frames until stop() is called. If the bus fails, open it again."""
         said_errors = -SAID_AGAIN
         while not self._ended.is_set():
             try:
@@ -279,7 +279,7 @@ class DriveState:
     frames: int = 0
     first: float = 0.0  # [s] time of the first row
     time: float = 0.0  # [s] time of the last row
-    # [s] max delay of the last second, from the arrival of a frame to the estimate
+    # [s] delay from the arrival of a frame to the estimate: max over the last second
     delay: float = 0.0
     # [s] delay of each row, from the arrival of a frame to the estimate. Rows that waited
     # for a proposal of signals are left out
@@ -721,7 +721,8 @@ class LiveDrive:
         An event also counts as reported if it starts at most 1 s after the end of a
         reported event of the same name.
 
-        `what`: name of the event. `start`, `end`: [s] its begin and end."""
+        `what`: name of the event. `start`, `end`: [s] times at which the event begins and
+        ends. `end` None: the event has no duration."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))

@@ -128,7 +128,7 @@ class Page:
     def _make_state(self, first: int, events: int) -> dict[str, Any]:
         """Return what the script of the page needs: the rows from number `first` on, at
         most AT_A_TIME of them; the events from number `events` on; and the present
-        answer."""
+        stiffnesses as text."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
             first = first if self._gone <= first <= count else self._gone
