@@ -164,11 +164,11 @@ def estimate(
     added), radius (wheel radius, m), valid and counter (signals of the same message that
     mark values as valid, and count messages), clock (time by which the clock of its group
     is ahead of the other groups, s), hold (the signal is sent only when it changes),
-    unsure (list of guesses about this signal, which every run prints, and with which
-    --strict refuses the log, until you remove the list). ratio may be a table [[angle,
-    ratio], ...]. Keys of [log]: time, time_unit, step, rate, databases, separator,
-    decimal, encoding, header. A channel that the log does not have is missing in all
-    rows; the quantities that are still observable are estimated.
+    unsure (list of guesses about this signal; until you remove the list, every run prints
+    it, and --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of
+    [log]: time, time_unit, step, rate, databases, separator, decimal, encoding, header. A
+    channel that the log does not have is missing in all rows; the quantities that are
+    still observable are estimated.
 
     If the vehicle file does not give a value, the run assumes the value of an ordinary
     car with the same mass, lf and lr (src/tables/uncalibrated.toml): stiffness

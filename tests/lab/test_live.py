@@ -214,7 +214,7 @@ def test_a_message_that_stops_is_said_and_missing_until_it_is_back(folder, trip,
     drive_live(live, Sender("stops", sent_))
     said = [text for _, text in live.said]
     assert sum("steer_angle: no value for a second (message SAS_1)" in s for s in said) == len(stops)
-    assert sum("steer_angle: values again" in s for s in said) == len(stops)
+    assert sum("steer_angle: values arrive again" in s for s in said) == len(stops)
     rows = pd.read_csv(tmp_path / "out" / "rows.csv")
     time_ = rows.time % 100
     for a, b in stops:

@@ -249,7 +249,7 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
     np.testing.assert_allclose(profile.bank, 0.02 * np.sin(at / 80), atol=0.02 * 1.5 / 80 + 1e-5)
     assert np.isnan(profile.grade).all()
     far = replace(log, extra=log.extra.assign(gnss_latitude=log.extra["gnss_latitude"] + 0.1))
-    with pytest.raises(UserError, match=r"is not on the road.*no position is within 15 m"):
+    with pytest.raises(UserError, match=r"is not on the road.*the car was never within 15 m"):
         match_log(road, far, CAR)
 
 

@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     import pint
 
 
-# Key: a unit of pint. Value: spellings of this unit in logs that pint refuses or would
-# interpret as a different unit. The spellings in a string are separated by blanks, and
-# contain none, because parse_unit() first removes all blanks from the unit in a log. A
-# spelling is in lower case, unless the case matters: kN is kilonewton, but kn is knot.
-# Hz is the unit of a wheel speed, so it means turns per second.
+# Key: a unit of pint. Value: spellings of this unit that occur in logs, and that pint
+# refuses or interprets as a different unit. The spellings in a string are separated by
+# blanks. A spelling contains no blanks, because parse_unit() removes all blanks from the
+# unit in a log. A spelling is in lower case, unless the case matters: kN is kilonewton,
+# but kn is knot. Hz is used for wheel speeds, so it means turns per second, not rad/s.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",

@@ -41,8 +41,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
     """Read vectors and columns of matrices as channels.
 
     The name of a channel is its path in the structs of the file, for example car.speed.
-    Its times are a time vector of the same length. If several time vectors have this
-    length, the one that is nearest in the tree of structs is used."""
+    Its times are the time vector that has the same length. If several time vectors have
+    this length, the one that is nearest in the tree of structs is used."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []

@@ -115,11 +115,11 @@ class Recording:
     def since_start(self) -> Recording:
         """Return the recording with times that begin near 0.
 
-        If the time of the first sample is 1e6 s or later, the times are counted from
-        1970. In this case the whole seconds of the first time are subtracted from all
-        times and added to `start`. Otherwise the times are unchanged. No accuracy is lost
-        before the subtraction: a double stores a present time since 1970 with an error
-        below a microsecond."""
+        If the time of the first sample is 1e6 s or later, the times are taken as counted
+        from 1970. In this case the whole seconds of the first time are subtracted from
+        all times and added to `start`. Otherwise the times are unchanged. No accuracy is
+        lost before the subtraction: a double stores a present time since 1970 with an
+        error below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -395,7 +395,7 @@ def _release_frames(error: BaseException) -> None:
 
 MAX_CELL_LENGTH = 1 << 16  # characters
 # Python's own limit of the length of a cell is set above the length of any line that is
-# read. If a wrong separator is tried, the whole line is a single cell
+# read, because the whole line is a single cell while a wrong separator is tried
 csv.field_size_limit(1 << 22)
 
 

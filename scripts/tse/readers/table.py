@@ -284,7 +284,8 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     return time * per
 
 
-# Limits of correct_time_units(). A group is the channels that share one array of times
+# Limits of correct_time_units(). A group is the channels that share one array of times.
+
 # Max median step of the times of a group that are taken as s. If the step is longer, the
 # times may be in ms, us or ns
 MAX_GROUP_STEP = 2.0
@@ -300,10 +301,11 @@ def correct_time_units(
     """Return channels with their times in s, for a format that prescribes s.
 
     Some recorders write other units nevertheless. A group is the channels that share one
-    array of times. A median step above 2 (MAX_GROUP_STEP) is too long for a step in s. If
-    every group has such a step, all times are taken as ms, us or ns. If only some groups
-    have such a step, a group of these is converted if it lasts 1000 times (or 1e6 or 1e9
-    times) as long as the groups in s.
+    array of times. If the median step of a group is above 2 (MAX_GROUP_STEP), its times
+    are probably not in s, because logs have a row at least every 2 s. If all groups have
+    such a step, all times are taken as ms, us or ns. If only some groups have such a
+    step, a group of these is converted if it lasts 1000 times (or 1e6 or 1e9 times) as
+    long as the groups in s.
 
     Parameters
     ----------

@@ -39,8 +39,8 @@ REGIME_COLOURS = {
     "p_restarted": INK,
 }
 # Max number of labels in a plot. Labels mark changes of the road and intervals of a fault
-# or of sliding. If there are more changes than labels, a line without a label marks each
-# of the other changes
+# or of sliding. If there are more changes than labels, each further change is marked by a
+# line without a label
 MAX_LABELS = 16
 # Max number of shaded intervals in a plot. If there are more, those with the shortest
 # gaps between them are joined.
@@ -692,8 +692,8 @@ def draw_health(d: Data) -> Figure:
     normalised innovations squared (with a particle filter, the effective number of
     particles), and status.
 
-    The estimated noise of the channels is drawn only if, for one channel, its ratio to
-    the setting of the noise exceeds MAX_NOISE_RATIO.
+    The estimated noise of the channels is drawn only if the ratio of the estimate to the
+    setting of the noise exceeds MAX_NOISE_RATIO for at least one channel.
     The model discrepancy and the lag of the steering angle are drawn only if the
     estimates have them."""
     particles = bool((d.line("n_eff") > 1).any())

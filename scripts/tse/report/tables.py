@@ -73,8 +73,8 @@ def est_columns_table() -> str:
 
 
 def codes_table() -> str:
-    """Return two lists with explanations as text: the codes of the column status, and the
-    reasons why an estimate is not valid."""
+    """Return as text, with explanations, the codes of the column status and the reasons
+    why an estimate is not valid."""
     lines = [f"{code:3d}  {f.text}" for code, f in sorted(library().codes(STATUS).items()) if code >= 0]
     reasons = [f"{f.name}: {f.text}" for f in library().fields(REASON)]
     return "status\n" + "\n".join(lines) + "\n\nreason\n  " + "\n  ".join(reasons)

@@ -52,8 +52,8 @@ SLIP_COST = 3.0
 # [1] sd of the difference between the curvatures of log and road, relative to the rms
 # curvature of the road: drivers take different lines.
 ALIKE_SD = 0.25
-# [1/m] min sd of the difference between the curvatures of log and road, in place of
-# ALIKE_SD x rms curvature if this is smaller. It allows for steering corrections on a
+# [1/m] min of the sd of the difference between the curvatures of log and road: this value
+# is used if ALIKE_SD x rms curvature is smaller. It allows for steering corrections on a
 # straight, which have a radius of 2 km.
 MIN_ALIKE_SD = 5e-4
 # [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
@@ -69,11 +69,12 @@ MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a s
 MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
 # [rad] If the integral of |curvature| of the road over a stretch exceeds this, the match
 # of the stretch is not taken as chance. A stretch with a smaller integral may match by
-# chance: on a winding road, a stretch with 3.6 rad of the reversed or mirrored road did.
+# chance: on a winding road, a stretch with 3.6 rad of the reversed or mirrored road was
+# found to match.
 SURE_TURN = 6.0
 # [1] The place of a stretch is ambiguous if a different part of the road matches nearly
-# as well as the found part. This is so if the correlation of the different part with the
-# stretch is larger, equal, or smaller by less than SAME_ALIKE.
+# as well as the found part. This is so if the correlation of the stretch with the
+# different part exceeds its correlation with the found part minus SAME_ALIKE.
 SAME_ALIKE = 0.05
 # [1] An integral below SURE_TURN also suffices if it exceeds this share of the integral
 # of |curvature| over the whole road or over the whole log, whichever is smaller.
@@ -675,9 +676,9 @@ def _is_ambiguous(
     """Return whether the longest stretch also matches a different part of the road.
 
     The part of the road on which the stretch was found is shifted along the road. The
-    stretch matches a shifted part if its correlation with the shifted part is larger
-    than, equal to, or less than SAME_ALIKE below its correlation with the found part.
-    `its`, `turn`, `step`: as in _accept_stretches()."""
+    stretch matches a shifted part if its correlation with the shifted part exceeds a
+    limit. The limit is its correlation with the found part minus SAME_ALIKE. `its`,
+    `turn`, `step`: as in _accept_stretches()."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE

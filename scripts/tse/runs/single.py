@@ -211,7 +211,7 @@ class Run:
     findings: list[Finding]
     notes: list[str]  # sentences from the preparation and from the run
     reported: bool  # whether the report was written
-    started_from: str | None = None  # sentence: learnt state from which the filter started, its age
+    started_from: str | None = None  # sentence about the learnt state at the start, with its age
 
 
 def run_prepared(

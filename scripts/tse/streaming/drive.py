@@ -50,12 +50,12 @@ from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # [s] min time between two calls that process frames
-# [s] If the bus sends no frame for this time, or a channel receives no value, the user
-# gets a sentence about it
+# [s] If this time passes without a frame from the bus, or without a value of a channel, a
+# sentence informs the user
 SILENT = 1.0
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
 # [s] time after the first frame. If the databases define none of the frames received
-# until then, the user gets a sentence that the databases describe a different bus
+# until then, a sentence informs the user that the databases describe a different bus
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 # The channels are checked for contradictions between them. FIRST_CHECK: [s] time of the
@@ -63,7 +63,8 @@ SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
 # [s] LISTENED: time for which frames are collected before each proposal of signals.
-# MAX_LISTENED: max time from the first to the last frame that is kept for the proposals
+# MAX_LISTENED: max time between the first and the last of the frames that are kept for
+# the proposals
 LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2  # [s] max time from first to last frame of a piece (_cut_pieces())
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
