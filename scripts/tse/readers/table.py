@@ -207,9 +207,9 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
 def _is_increasing(c: Column, strictly: bool = False) -> bool:
     """Return whether a column increases as a time does.
 
-    It must rise or stay equal in more than 90 % of its rows, and rise in more than 10 %.
-    If `strictly`, it must rise in every row. For a column of strings, it is sufficient
-    that they are numbers or times of day."""
+    The values must rise or stay equal in more than 90 % of the rows, and rise in more
+    than 10 %. If `strictly`, the values must rise in every row. A column of strings
+    counts as increasing if the strings are numbers or times of day."""
     if c.is_dates():
         return True
     values = c.read()

@@ -31,9 +31,10 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 # A log is compared with the other logs of its car only if there are at least this many
 # other logs
 MIN_LOGS = 3
-# Max ratio of a stiffness to its median in the other logs of the car. A larger ratio
-# gives a warning. Ratios up to this limit are normal: dry asphalt gives the largest
-# stiffness, and even there the stiffness varies, because warm tyres are softer
+# Max ratio of a stiffness to its median in the other logs of the car. A ratio that
+# exceeds this limit by more than 2 sd of the stiffness gives a warning. Ratios up to this
+# limit are normal: dry asphalt gives the largest stiffness, and even on dry asphalt the
+# stiffness varies, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive

@@ -881,7 +881,7 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint for a missing channel: the signal that is most similar. The channel
-    is the first one in `missing` that has a similar signal."""
+    """Return a hint for the first channel in `missing` that has a similar signal: the
+    most similar signal. Empty: no channel has a similar signal."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (nearest: {said[0]})" if said else ""
