@@ -260,7 +260,7 @@ function checkRows(table, map, car, lib) {
     const why =
       channel === "time"
         ? "Every row needs a time"
-        : "Without the steering angle nothing can be said about the tyres";
+        : "Without the steering angle the tyres cannot be estimated";
     const has = table.columns.map((c) => c.name).join(", ");
     throw new Wrong(`${name}: which column is ${channel}? ${why}. The file has: ${has.slice(0, 300)}`);
   }
@@ -325,12 +325,12 @@ function checkRows(table, map, car, lib) {
         ? parts[0]
         : joinAxle(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
     if (!parts && !isAxle(f.name)) {
-      notes.push(`${f.name} is not in the log: what only ${f.name} measures stays unknown`);
+      notes.push(`${f.name} is not in the log: quantities that only ${f.name} shows are not estimated`);
     }
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(
-      `${name}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres`,
+      `${name}: accel_y and yaw_rate are missing: the tyres cannot be estimated without one of them`,
     );
   }
   if (axles.length === 1) {

@@ -219,7 +219,7 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
     [
         (
             lambda f: f.drop(columns="accel_y"),
-            "accel_y is not in the log: what only accel_y measures stays unknown",
+            "accel_y is not in the log: quantities that only accel_y shows are not estimated",
         ),
         (lambda f: f.drop(columns="wheel_speed_rear"), "wheel_speed_front stands in for it"),
         (

@@ -176,8 +176,7 @@ class Stream:
         wheels = {axle for axle, pair in SIDES.items() if axle in have or set(pair) <= have}
         if "steer_angle" not in have:
             raise UserError(
-                f"{source}: steer_angle is missing: without the steering angle the tyre stiffness "
-                "cannot be estimated"
+                f"{source}: steer_angle is missing: without the steering angle the tyres cannot be estimated"
             )
         if not wheels and "vehicle_speed" not in have:
             raise UserError(
@@ -185,8 +184,8 @@ class Stream:
             )
         if not {"accel_y", "yaw_rate"} & have:
             raise UserError(
-                f"{source}: accel_y and yaw_rate are missing: at least one of them is needed to "
-                "estimate the tyre stiffness"
+                f"{source}: accel_y and yaw_rate are missing: the tyres cannot be estimated without "
+                "one of them"
             )
         self._stand_in = (
             next((axle for axle in SIDES if axle not in wheels), None) if wheels else "wheel_speed_rear"

@@ -12,14 +12,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-# The function to run and the list of its arguments. The copies inherit this variable when
-# the process is forked, because a closure cannot be pickled and sent to them.
+# The function to run and the list of its arguments. A copy is a forked process, in which
+# this variable has the same value as in the parent process. The function cannot be sent
+# to a copy as an argument, because it may be a closure, which pickle does not accept.
 _work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
-_copy = False  # True in a copy
+_copy = False  # True in a forked copy, False in the parent process
 
 
 def is_copy() -> bool:
-    """Return whether this process is a copy. A copy starts no further copies."""
+    """Return whether this process is a forked copy, which must not fork again."""
     return _copy
 
 
@@ -32,8 +33,9 @@ def run_in_processes(
     Each process is a forked copy of this one. It applies `light` to each result and sends
     back what `light` returns, for example the result without large arrays. All other
     changes that a copy makes in memory are lost. On systems other than Linux, threads are
-    used instead, whose changes in memory are kept and whose results do not pass through
-    `light`. So `do` must work the same in both cases.
+    used instead. Their changes in memory are kept, and `light` is not applied to their
+    results. So `do` must not rely on changes in memory, and the caller must accept
+    results with and without `light`.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

@@ -27,7 +27,7 @@ from tse.log.rows import MEASURES
 # The stiffness parameters: ratio of each stiffness to its value in the vehicle file
 STIFFNESS_PARAMETERS = tuple(
     CatalogueParameter(
-        name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
+        name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} / its value in the vehicle file"
     )
     for name in NOMINAL
 )
@@ -92,9 +92,10 @@ class Problem:
     def measure(self, values: Mapping[Key, float]) -> None:
         """Replace the measurements by a simulation of a car with these values.
 
-        Noise with a thousandth of the sd of the sensor noise is added. Without it, the
-        sum of squares of a perfect fit would be 0, and the fit would not end by the
-        criterion of a small relative change.
+        Noise with a thousandth of the sd of the sensor noise is added. A fit ends when
+        the relative change of its sum of squares is small. Without this noise, the sum of
+        squares would converge to 0 with large relative changes, and the fit would not
+        end.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
@@ -222,10 +223,12 @@ class Problem:
         """Return for each channel the latency [s] that is added to its latency in the
         vehicle file.
 
-        The fitted delays of steering and IMU are converted to latencies of the inputs. A
-        delay of the IMU has the same effect as a negative latency of all inputs: steering
-        angle and wheel speeds. If the steering is delayed, the wheels turn after the
-        logged angle, which has the same effect as a negative latency of that angle.
+        A channel with the latency L has at time t the value of t - L, so an input of the
+        simulation is read at t + L. The fitted delays of steering and IMU are converted
+        to latencies of the inputs. If the IMU is delayed by D, its values at time t
+        belong to the inputs at t - D. So all inputs (steering angle and wheel speeds) get
+        the latency -D. If the steering is delayed by D, the wheels have at time t the
+        angle that was logged at t - D. So the steering angle gets the latency -D, too.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):

@@ -1,8 +1,9 @@
 """Propose what to drive or measure next, and predict the resulting intervals.
 
-The intervals are those of both cornering stiffnesses. They follow from the sum of two
-information matrices, that of the fit and that of a simulated manoeuvre. Residuals of the
-manoeuvre are assumed to be as large and as correlated as those of the logs.
+The intervals of both cornering stiffnesses are predicted. The information matrix of the
+fit and the information matrix of a simulated manoeuvre are added, and the inverse of the
+sum is the predicted covariance. Residuals of the manoeuvre are assumed to be as large and
+as correlated as the residuals of the logs.
 """
 
 from __future__ import annotations
@@ -97,7 +98,9 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
 
 
 def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
-    """Return a string with the present intervals, followed by one for each proposal."""
+    """Return lines of text: first the present intervals, then a line for each proposal.
+    If there is no proposal, return an empty list.
+    """
 
     def format_sd(sd: dict[str, float]) -> str:
         return " and ".join(f"+- {196 * sd[k]:.0f}" for k in CORNERING_AXLES) + " %"
@@ -121,7 +124,9 @@ def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -
 def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
     """Return the information matrix of the unknowns of the car.
 
-    The unknowns of single logs (leans and biases) and of roads are marginalised.
+    The unknowns of roads and of single logs are marginalised. A single log has as
+    unknowns its biases and the lean, i.e. how far its roads are banked in curves
+    (unknowns.py).
     """
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
@@ -173,9 +178,10 @@ def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle
 def _compute_added_information(
     problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of the car that follows from further logs alone.
+    """Return the information about the car that further logs add to the fit, as a matrix.
 
-    It is the matrix of logs and prior together, minus that of the prior.
+    It is the information matrix of further logs and prior together, minus the information
+    matrix of the prior, because the fit already contains the prior.
     """
     other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
@@ -186,7 +192,11 @@ def _compute_added_information(
 def _compute_information(
     problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of x for these scales, if all residuals were 0."""
+    """Return the information matrix of x for residuals of the sizes `scales`.
+
+    It depends on the partial derivatives of the residuals, not on their values. So the
+    values are set to 0: the measurements of a manoeuvre that was not driven are unknown.
+    """
     base = problem.compute_residuals(x, z)
     slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)
     return build_normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information

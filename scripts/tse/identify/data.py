@@ -97,9 +97,10 @@ class PreparedLog:
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """Return an input with a latency removed, for the given rows.
+        """Return an input at the given rows, with its latency `by` [s] removed.
 
-        The value of a row is the one that the log has `by` [s], the latency, later.
+        A latency delays the values in the log, so the value for a row at time t is read
+        at time t + by.
         """
         spline = self._splines.get(name)
         if spline is None:
@@ -458,10 +459,13 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """Return 1 for each row that stays in its stretch at any fitted latency, otherwise 0.
+    """Return 1 for a row whose inputs lie in its stretch at any fitted latency, otherwise
+    0.
 
-    The last rows of a stretch, MAX_FITTED_LATENCY long, get 0. The first rows need no
-    such test: they are in BURN_IN and not compared anyway.
+    An input with a latency is read later in the log by this latency, which is at most
+    MAX_FITTED_LATENCY. So the rows in this time before the end of a stretch get 0. With a
+    negative latency, the first rows of a stretch would need the same test. But they are
+    in BURN_IN and are not compared.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:

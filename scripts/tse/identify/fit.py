@@ -408,9 +408,10 @@ def _update_slopes(
 ) -> list[np.ndarray]:
     """Update partial derivatives so that they predict the residuals after a step.
 
-    Of all updates that do so, make the smallest, with each unknown of x measured in units
-    of its prior sd. The step is `by` in x and `along` in z. `before` and `after` are the
-    residuals at its beginning and end.
+    Many updates achieve this. The smallest one is chosen (Broyden). To make the unknowns
+    in x comparable, the change of a derivative is measured per prior sd of its unknown.
+    The step is `by` in x and `along` in z. `before` and `after` are the residuals before
+    and after the step.
     """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)

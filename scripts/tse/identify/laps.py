@@ -80,7 +80,9 @@ def _derive_path(track: object) -> Road | None:
         road = derive_road(track)
     except UserError:
         return None
-    return None if road.is_closed else road  # in a single log of a circuit, each round has its own knots
+    # A path of a circuit is that of one round. But in a single log of a circuit, each
+    # round has its own knots, so bank and grade cannot be added to the path.
+    return None if road.is_closed else road
 
 
 def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:

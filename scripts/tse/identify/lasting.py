@@ -1,8 +1,8 @@
 """Measure the slow part of residuals by two numbers, power and walk.
 
-power: integral of the autocovariance over positive lags. An error with a correlation time
-of 1 s and this variance has the same integral, and so the same effect on an estimate.
-The setting model_sd is derived from power.
+power: integral of the autocovariance over positive lags [unit^2 s]. An error with a
+correlation time of 1 s and a variance of power / 1 s has the same integral. So it would
+have the same effect on an estimate. The setting model_sd is derived from power.
 
 walk: sd, per sqrt(s), of a random walk whose spectrum is nowhere below the spectrum of
 the residuals. It becomes the setting of the random walk of the bias of the channel. Let

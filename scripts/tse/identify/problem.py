@@ -74,8 +74,9 @@ from tse.log.noise import compute_moving_average
 # effect is the least linear. Key False: for all other unknowns
 SLOPE_STEPS = {True: 0.0005, False: 0.005}
 ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
-# [s] time constant of the leaky integral of accel_x. With a longer one the grade of the
-# road would act on the result, with a shorter one the noise of the channel
+# [s] time constant of the leaky integral of accel_x. With a longer time constant, the
+# grade of the road would dominate the integral. With a shorter time constant, the noise
+# of the channel would dominate it
 SPEED_TIME = 1.0
 SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
 MIN_SLIP_SPEED = 5.0  # [m/s] lower limit of average_speed(); at lower speeds slip is not observable
@@ -89,9 +90,13 @@ MIN_MODEL_ERROR = 0.01
 # (constants.toml)
 LASTING_ERROR_SHARE = 0.5
 BOUND_SD = 6.0  # [prior sd] distance of the bounds of leans and biases from the prior mean
+# Setting with the lean of the roads: the share of the lateral acceleration in curves that
+# the bank of the road compensates
 LEAN = "bank_superelevation"
 WHEEL_CHANNELS = ("wheel_speed_front", "wheel_speed_rear")
-MOTION_OUTPUTS = ("vel_x", "vel_y", "true_yaw_rate")  # simulated, to compute measured velocities
+# outputs of the simulation, from which convert_velocities() computes the velocities that
+# an INS or a GNSS receiver would measure
+MOTION_OUTPUTS = ("vel_x", "vel_y", "true_yaw_rate")
 
 
 class CarProblem:
@@ -333,8 +338,8 @@ class CarProblem:
     def _compute_signal(self, g: int) -> np.ndarray:
         """Return the signal of a group: measured values minus their mean.
 
-        _average_groups() converts it to compared values, like a difference between
-        measured and simulated values.
+        _average_groups() converts the signal in the same way as residuals, so that the
+        two can be compared.
         """
         used = self._used[g]
         about = self._measured[g] - self._measured[g][used].mean()

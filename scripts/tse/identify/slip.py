@@ -1,11 +1,11 @@
 """Estimate longitudinal stiffness, wheel radii and wheel latencies on straight rows.
 
-The search of fit.py treats wheel speeds as exact inputs. Their noise, errors of their
-latency and errors of the wheel radii therefore falsify its longitudinal stiffness. A
-regression on rows of straight driving is better suited: the free axle measures the speed
-of the car, the driven axle is faster by the slip, and accel_x is proportional to the
-force that causes the slip. Rows without drive force determine the ratio of the wheel
-radii, rows with drive force the stiffness.
+The search of fit.py treats wheel speeds as exact inputs. In fact, wheel speeds have
+noise, and their latencies and the wheel radii are not known exactly. These errors bias
+the longitudinal stiffness that the search finds. A regression on rows of straight driving
+is better suited: the free axle measures the speed of the car, the driven axle is faster
+by the slip, and accel_x is proportional to the force that causes the slip. Rows without
+drive force determine the ratio of the wheel radii, rows with drive force the stiffness.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
 def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]:
     """Return comments for the vehicle file, by name of the latency.
 
-    There are none if the regression has not changed the wheel latencies.
+    If the regression has not changed the wheel latencies, the result is empty.
     """
     if _compute_wheel_delay(problem, fit) == 0.0:
         return {}
@@ -242,11 +242,11 @@ class _SlipFinding:
 def _run_regression(
     config: Config, at: Mapping[str, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> _SlipFinding | None:
-    """Return the result of the regression on all logs; None if there is none.
+    """Return the result of the regression on all logs; None if it is not possible.
 
-    There is none if the stiffness of a driven rear axle is not tied to that of the front
-    axle, if too few rows are usable, or if the slip is not significant. `at` has the
-    unknowns of the car, by name.
+    The regression is not possible in three cases: the rear axle is driven and its
+    stiffness is not tied to the stiffness of the front axle, too few rows are usable, or
+    the slip is not significant. `at` has the unknowns of the car, by name.
     """
     if vehicle.driven_axle != "front" and config.rear_longitudinal_follows_front != 1.0:
         return None
@@ -305,7 +305,9 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
 
 
 class _Car:
-    """Parameters of the car that the regression needs. Forces are per mass of the car."""
+    """Parameters of the car that the regression needs. Forces are divided by the mass of
+    the car [m/s2].
+    """
 
     def __init__(self, c: Config, at: Mapping[str, float], vehicle: Vehicle):
         ordinary = get_ordinary_car(c)

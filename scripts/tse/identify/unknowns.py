@@ -24,12 +24,14 @@ LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_
 LATENCY_SUFFIX = "_latency"
 LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # name of the unknown -> channel
 MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
-# Key: Unknown.message. Value: sd of the error that all unknowns with this message have in
-# common: a latency [s] of the channels in one message of the bus, or a relative error of
-# the wheel radii. The sd of the individual error of each unknown is smaller, because
-# wheel speeds come from one control unit, accelerations from one chip, and tyres are of
-# one kind. A latency between the wheel speeds of both axles has hardly any effect in a
-# log, and with a large sd it would absorb model errors
+# Key: Unknown.message, the name of a group of unknowns. Value: sd of the error that all
+# unknowns of the group have in common. For "wheels" and "accelerometers" it is a latency
+# [s], for "radii" a relative error of the wheel radii. In addition, each unknown has an
+# individual error. Its sd (Unknown.sd) is smaller than the common sd, because wheel
+# speeds come from one control unit, accelerations from one chip, and tyres are of one
+# kind. For the wheel speeds, a larger individual sd would do harm: a difference in
+# latency between the axles has hardly any influence on a log, so the fit would use it to
+# explain errors of the model
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness / its value in the vehicle file)
 MAX_LN_STIFFNESS = 1.8  # bound of |ln(stiffness / its value in the vehicle file)|
@@ -69,8 +71,9 @@ class Unknown:
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
     message: str = ""  # unknowns with the same message have a common error with sd COMMON_SD[message]
-    # least size that matters to the user; 0: no such size, because the unknown describes
-    # the shape of an effect
+    # min absolute value at which the effect of this unknown matters to the user. 0: there
+    # is no such value, because the unknown is not the size of an effect but describes its
+    # shape, such as the distribution between the axles
     worth: float = 0.0
 
 
@@ -101,10 +104,11 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
-    # sd for weighed axle loads; without them, the vehicle file states a larger cg_sd
+    # The sd applies if the axle loads were weighed. If they were not, the setting cg_sd
+    # of the vehicle file is larger and replaces it
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
     # Logs can hardly distinguish the ratio of the radii from longitudinal stiffness. So
-    # its prior sd is only as large as the changes by wear and tyre pressure
+    # the prior sd of a radius is only as large as its changes by wear and tyre pressure
     Unknown(
         "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),

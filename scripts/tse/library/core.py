@@ -116,8 +116,13 @@ class EffectRow:
     look_alikes: tuple[str, ...]  # causes with a similar influence on the channels: ids or descriptions
     estimator: str  # description of how the filters use the effect
     bit: int  # number of its bit in tse_effects.mask
-    filter: str  # filters whose estimate its settings change: both, default or none
-    occurrence: str  # where it occurs: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
+    # filters whose estimate depends on the settings of the effect. both: the default
+    # filter and the paper's filter with particles, default: the default filter only,
+    # none: no filter
+    filter: str
+    # how often cars have the effect: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or
+    # IN_MODEL, defined at the top of src/tables/effects.toml
+    occurrence: str
     # title that replaces `title` if the fitted value is below `early_below`. The cause of
     # such a value is a latency of messages or a low-pass filter of the IMU, not the car.
     # "": there is no such title
@@ -141,9 +146,11 @@ class SettingUse:
     """How the filters use one setting of Config."""
 
     table: str  # table of src/tables that defines it: vehicle, uncertainty, sensors, ...
-    filter: str  # filters whose estimate it changes: both, default, paper or none
-    # name of another setting: if that setting is not 0, the filters use it instead of
-    # this one. "": there is no such setting
+    # filters whose estimate depends on the setting. default: the default filter, paper:
+    # the paper's filter with particles, both: these two, none: no filter
+    filter: str
+    # name of a second setting. If the second setting is not 0, the filters use the second
+    # setting instead of this one. "": there is no second setting
     replaced_by: str
 
 
@@ -154,7 +161,9 @@ class FormulaOp:
     name: str
     code: int
     takes: int  # number of operands
-    kind: str  # NUMBER, SIGNAL, PLAIN, MEMORY
+    # NUMBER: a number of the formula, SIGNAL: a signal of the model, PLAIN: a function of
+    # the operands, MEMORY: a function that also depends on earlier values of the operands
+    kind: str
     # unit of the result, or the rule that gives it from the units of the operands: same,
     # product, quotient, root, first, rate
     unit: str
@@ -251,8 +260,8 @@ class Library:
         except OSError as error:
             raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
         self.path = path
-        # Python holds fixed-point numbers as double; native() and
-        # from_native() convert them
+        # For a library with fixed-point numbers, Python computes with doubles. native()
+        # and from_native() convert between the two
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
                 self._suffix = suffix
@@ -605,8 +614,8 @@ class Config(Settings):
     def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
         """Return the settings of tse_config_exact(), changed by `values`.
 
-        Their sds of uncertain parameters are 0: the car is known exactly, as in
-        simulations."""
+        In tse_config_exact(), the sds of all uncertain parameters are 0: the car is known
+        exactly, as in simulations."""
         config = cls(lib=lib)
         config.fill("tse_config_exact")
         for name, value in (values or {}).items():
@@ -670,9 +679,10 @@ def _allocate(size: int) -> np.ndarray:
 
 
 class LearntError(UserError):
-    """These bytes cannot be loaded as the learnt state of the filter.
+    """Bytes were given to load_learnt() that are not a learnt state of this vehicle.
 
-    The message is the text of the library's status."""
+    The learnt state is what the filter has estimated on earlier drives. The message is
+    the text of the status that the library returned."""
 
 
 class NativeFilter:
@@ -766,8 +776,8 @@ class NativeFilter:
         return sd
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state for the start of the next drive; None before the first
-        row."""
+        """Return the estimates with which the next drive can start (learnt state); None
+        before the first row."""
         out = np.zeros(self.lib.learnt_bytes, np.uint8)
         save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
         return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None

@@ -89,7 +89,9 @@ def run_in_processes(
 
 
 class InProcess(Workers):
-    """Run the tasks in this process, each when the caller asks for its result."""
+    """Run the tasks in this process. A task runs when the function that next() returned
+    for it is called.
+    """
 
     def __init__(self, do: Work):
         self._do = do

@@ -38,17 +38,23 @@ NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/
 }
 MAX_HOLD = 10  # [rows] a longer hold is not detected
 MIN_NOISE_ROWS = 50  # least number of rows from which noise is estimated
+# The misfit of an accelerometer is its value minus the acceleration that follows from
+# wheel speeds and yaw rate (class Misfit).
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
-WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; its slow part is an average over this time
+# [s] length of the windows in which the sd of the misfit is computed. The average of the
+# misfit over this time is its slow part.
+WINDOW_TIME = 2.0
 SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
-NORMAL_QUIET = 0.3853  # quantile at QUIET_QUANTILE of |x|, x: standard normal variable
+NORMAL_QUIET = 0.3853  # quantile QUIET_QUANTILE of |x| if x is a standard normal variable
 MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """Difference between an accelerometer and the kinematics."""
+    """Size of the difference between an accelerometer and the kinematics: of accel_x -
+    dv/dt or accel_y - v yaw_rate, with the speed v from the wheels.
+    """
 
     # [m/s2] sd, in each row, of white noise that would have the same averages over 0.2 s
     sd: float
@@ -64,7 +70,7 @@ class Noise:
     hold: int  # number of rows with the same sample; 1: each row has a new one
     step: float  # quantisation step; 0: the channel is not quantised
     text: str  # how the sd was found
-    unraised: float = 0.0  # sd before it was raised to the lower limit NOISE_FLOOR
+    unraised: float = 0.0  # sd without the lower limit NOISE_FLOOR, to which `sd` may be raised
 
 
 def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
@@ -189,8 +195,10 @@ def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
 
 
 def _compute_quiet_sd(x: np.ndarray) -> float:
-    """Return the sd of the normal distribution whose quantile of |x| at QUIET_QUANTILE is
-    that of the values x."""
+    """Return the sd of x from the quantile QUIET_QUANTILE of |x|.
+
+    This quantile represents quiet driving. The result is the sd of a normal distribution
+    that has the same quantile."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
@@ -200,11 +208,11 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
 
-    A repeated value is an old measurement, on average by half the time between samples.
-    If x is slow, it has a new sample every `beat` rows, so the distances between its
-    changes are multiples of `beat`. If the distances are not such multiples, all rows are
-    marked: then x is a quantised signal, whose values repeat by chance, and each row is a
-    new sample."""
+    A row that repeats the last sample has an old measurement and must not count as a new
+    one. If x is slow, it has a new sample every `beat` rows, so the distances between its
+    changes are multiples of `beat`. If the distances are not such multiples, x is not
+    slow but quantised: values repeat by chance, and each row has a new sample. Then all
+    rows are marked."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

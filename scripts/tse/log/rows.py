@@ -80,15 +80,16 @@ MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is 
 # between the two wheel speeds of an axle, the difference is mainly noise, and the track
 # width is not determined from it.
 MIN_TURN_SHARE = 0.5
-# [1] limit of the ratio of two rms: that of the part of accel_y that is not proportional
-# to speed x yaw rate, and that of accel_y. If the ratio is lower, accel_y was not
-# measured but computed as speed x yaw rate. For a measured accel_y, the ratio is at least
-# 0.04, even in a simulation without noise.
+# [1] accel_y is fitted by a constant times speed x yaw rate. If the rms of the residual
+# is less than this share of the rms of accel_y, accel_y was not measured, but computed as
+# speed x yaw rate. For a measured accel_y, the share is at least 0.04, even in a
+# simulation without noise.
 MAX_COMPUTED_MISFIT = 0.015
-# A logger may write zeros for missing values. Zeros are taken as such if a channel has at
-# least MIN_ZERO_RUNS runs of zeros that begin and end with a jump, and if these are at
-# least the share MIN_ZERO_SHARE of all its runs of zeros. A change is a jump if it
-# exceeds ZERO_JUMP_STEPS times the 95 % quantile of the changes from row to row.
+# A logger may write zeros for missing values. The zeros of a channel are treated as
+# missing values under two conditions. First, at least MIN_ZERO_RUNS runs of zeros begin
+# and end with a jump. Second, the share of these runs in all runs of zeros of the channel
+# is at least MIN_ZERO_SHARE. A change is a jump if it exceeds ZERO_JUMP_STEPS times the
+# 95 % quantile of the changes from row to row.
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
 # The value of the largest magnitude is taken as a bus code for "not available" if it
 # exceeds the next smaller magnitude by the factor MIN_CODE_RATIO, if at least
@@ -238,13 +239,15 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
     names : collection of str
         Columns of the log.
     sides : collection of str
-        Axles for which the log has the columns of both wheels, not one of the axle.
+        Wheel speeds of axles for which the log has two columns, one for each wheel,
+        instead of one column for the axle.
     spare : collection of str
         Channels that are not required. In addition, the wheel speed of one axle may be
         missing.
     """
     # If a column differs from the name of a channel only by capital letters, the channel
-    # is misspelt, not absent.
+    # is misspelt, not absent. It is not returned, so the caller refuses the log and
+    # suggests the right name, instead of continuing without the channel.
     misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
@@ -344,13 +347,15 @@ def _check_channels(
 ) -> None:
     """Refuse columns outside their range; replace wrong values by NaN.
 
-    Absent channels become columns of NaN. `parts`: channel -> names of its columns, one
-    or those of the two wheels. `absent`: channels that the log lacks."""
+    Absent channels become columns of NaN. `parts`: channel -> names of its columns, which
+    are one column or the columns of two wheels. `absent`: channels that the log lacks."""
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
             if f.name not in SIDES:
-                notes.append(f"{f.name} is not in the log: what only {f.name} measures stays unknown")
+                notes.append(
+                    f"{f.name} is not in the log: quantities that only {f.name} shows are not estimated"
+                )
             continue
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
@@ -360,7 +365,7 @@ def _check_channels(
     _drop_stuck(data, parts, notes)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(
-            f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
+            f"{path}: accel_y and yaw_rate are missing: the tyres cannot be estimated without one of them"
         )
 
 
@@ -536,10 +541,7 @@ def _suggest_remedy(missing: Collection[str]) -> str:
     if any(c.endswith(("_left", "_right")) for c in missing):
         return ": both wheels of an axle are needed, or the axle's mean"
     if "steer_angle" in missing:
-        return (
-            ": without the steering angle nothing can be said about the tyres; "
-            "name its signal in signals.toml"
-        )
+        return ": without the steering angle the tyres cannot be estimated; name its signal in signals.toml"
     return ": name its signal in signals.toml"
 
 

@@ -2,10 +2,11 @@
 car.
 
 Bank and grade change the measurements as much as a change of the tyres, but mostly more
-slowly. If they were left out, they would be mistaken for a scale error of accel_y or for
-different tyres. Road and car are therefore fitted together. If the car were fitted first,
-on level roads, and the road afterwards, the residuals of the yaw rate would become
-larger.
+slowly. If bank and grade were left out, a fit would explain them by a scale error of
+accel_y or by different tyres. Road and car are therefore fitted together. If the car were
+fitted first, on level roads, its parameters would be biased by the road. A later fit of
+the road alone could not correct them, and the residuals of the yaw rate, on which bank
+and grade have no direct influence, would become larger.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ MAX_ODDS = 50.0
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """The bank or the grade of all roads, and the evidence that it is not constant."""
+    """Size of the bank or of the grade of all roads, and the evidence for it."""
 
     effect: Effect  # bank or grade
     size: float  # [rad] rms of the profile about its mean on each road
     ci95: tuple[float, float]  # 95 % interval of `size`
-    nats: float  # [nat] log evidence for the profile
+    nats: float  # [nat] ln of the Bayes factor of the profile against a level road
     probability: float  # probability that there is a profile
 
 
@@ -91,9 +92,12 @@ def find_roads(
     """Estimate the roads of logs that data.prepare() has prepared.
 
     If the road of any log is already known, no road is estimated. `read` has the same
-    logs before data.prepare(). They are used to detect laps of the same road. Such laps
-    share one profile. Without `read`, each log has its own road. Car and road are fitted
-    once, and a second time if only one of bank and grade is found.
+    logs as they were before data.prepare(). From them, laps of the same road are
+    detected, and such laps share one profile. Without `read`, each log has its own road.
+
+    Car, bank and grade are fitted together. If only one of the two profiles is then
+    found, the fit is repeated with this profile alone, because a profile that is not
+    found must not influence the car.
     """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]

@@ -45,8 +45,8 @@ RIVALS = 2  # number of replacements that are fitted for each effect of the best
 FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
 PAIRED = 8  # number of the most promising effects that are tried together with a second one
-# number of iterations that adapt the variances of the channels to the residuals, if a set
-# is approximated
+# Number of iterations of the approximation of a set (Around.judge()). Each iteration
+# computes the variance of every channel from the residuals of the iteration before it.
 WEIGHINGS = 4
 
 
@@ -133,8 +133,9 @@ def judge_set(
         A set that was fitted before. The partial derivatives with respect to effects
         outside the new set are taken from it. None: they are simulated.
     rough
-        If True, the fit uses the partial derivatives of `like` for the effects of the
-        set, too. It updates them in its steps and does not simulate them.
+        False: the partial derivatives with respect to the effects of the set are
+        simulated. True: they are taken from `like`, too. The fit then starts with them
+        and updates them after each step (Broyden), which saves simulations.
     """
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
@@ -161,7 +162,8 @@ def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tu
 
 def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
     """Return the partial derivatives of the fit `like`, with the columns in the order of
-    the unknowns of `space`. They are 0 for shapes that `like` does not have.
+    the unknowns of `space`. A column is 0 if its unknown is not an unknown of `like`: a
+    shape parameter, such as a time constant, of an effect outside the set of `like`.
     """
     assert like.space is not None and like.fit is not None
     place = {n: k for k, n in enumerate(like.space.names)}
@@ -210,7 +212,7 @@ class Around:
         effects = tuple(h for h in space.asked if h.id in members)
         mean, sd = space.compute_prior(members)
         there = {p.name for h in effects for p in h.effect.fitted}
-        for k, p in enumerate(space.parameters):  # keep the shapes of effects outside the set fixed
+        for k, p in enumerate(space.parameters):  # shapes of effects outside the set are fixed
             if not p.strength and p.name not in there:
                 mean[k], sd[k] = self._x[k], 1e-6
         precision, weights = sd**-2, self._first

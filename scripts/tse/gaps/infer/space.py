@@ -1,9 +1,10 @@
 """The fit of a set of effects to the logs, as a problem that tse.identify.fit can solve.
 
-The unknowns are the stiffnesses of the axles, the strengths of all effects that may be
-missing, and the shapes of the effects of the set. Effects of the set may have any size.
-Effects outside the set have a narrow prior about 0, with an sd below their negligible
-size (CatalogueParameter.negligible), because no car is entirely without them.
+The unknowns are the stiffnesses of the axles, the strengths of all effects of the search,
+and the shapes of the effects of the set. A strength is the size of an effect. A shape is
+any other parameter of an effect, such as a time constant. Effects of the set may have any
+size. Effects outside the set have a narrow prior about 0, with an sd below their
+negligible size (CatalogueParameter.negligible), because no car is entirely without them.
 """
 
 from __future__ import annotations
@@ -27,11 +28,14 @@ from tse.log.noise import compute_moving_average
 STIFFNESS_SD = 0.5
 # prior sd of the strength of an effect outside the set, in units of its negligible size
 ABSENT = 0.5
-# rms of the model error that even the best model has, in units of the noise of a block
+# rms of the model error that even the best model has, in units of the noise of a block.
+# With noise of rms 1, the residuals then have the rms NOISE_LIMIT, up to which a model
+# counts as explaining a channel.
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
 # Width of the finite differences for effects outside the set, as a multiple of
-# CatalogueParameter.step. It is 0.3 times the typical size. Effects are nonlinear, so
-# wide differences describe an effect of typical size better than narrow ones.
+# CatalogueParameter.step. As a step is 0.02 of the typical size of a parameter, the width
+# is 0.3 of the typical size. Effects are nonlinear, so a wide difference describes the
+# influence of an effect of typical size better than a narrow one.
 REACH = 15.0
 
 
@@ -43,13 +47,13 @@ class Space:
     problem
         The logs.
     asked
-        Effects that may be missing.
+        All effects of the search: those that the model of the car may lack.
     members
         Ids of the effects of the set.
     lent
         Partial derivatives from the fit of a different set, one matrix for each group.
-        For effects outside this set, they are used instead of new simulations. None: the
-        partial derivatives of all effects are simulated.
+        They are used for the effects that are not in `members`, which saves simulations.
+        None: the partial derivatives of all effects are simulated.
 
     Attributes
     ----------
@@ -93,7 +97,8 @@ class Space:
         """Return prior mean and sd of the unknowns if `members` are the effects of the
         set.
 
-        The mean and sd of the shape of an effect outside the set are not used.
+        A shape of an effect that is not in `members` gets the prior of the shape, too.
+        The caller must replace it: Around.judge() keeps such shapes fixed.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -129,8 +134,8 @@ class Space:
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
     # Function that converts the unknowns x back to values. It is to_search() again,
-    # because 1 / (1 / value) = value. tse.identify.fit expects the name to_ln(), because
-    # in other problems the values are logarithms.
+    # because 1 / (1 / value) = value. tse.identify.fit calls it by the name to_ln(),
+    # because in CarProblem the function of this name returns ln(stiffness).
     to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
@@ -230,7 +235,8 @@ class Space:
         found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
-    # ---- functions for the estimate of the lasting error (tse.identify.lasting)
+    # ---- functions for the estimate of the slow part of the model error
+    # ---- (tse.identify.lasting)
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
         """Return a group as a Piece: times, activity and residuals.

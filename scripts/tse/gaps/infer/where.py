@@ -23,9 +23,9 @@ FALSE_DISCOVERIES = 0.01
 # "high" or "low" values of the signal are reported as a condition
 MIN_CORRELATION = 0.15
 MIN_WINDOWS = 20  # min number of windows of a channel for which conditions are computed
-# Max squared correlation between the bank of a road and the lateral acceleration of the
-# car. A road does not depend on the steering, so if the correlation is larger, the
-# residual does not come from the road.
+# Max squared correlation between the estimated disturbance by the bank of a road and the
+# lateral acceleration of the car. The bank of a road does not follow the steering. So if
+# the correlation is larger, the cause of the residual is the car, not the road.
 MAX_FOLLOWED = 0.5
 # [blocks] time between the points at which a disturbance is estimated. Between two
 # points, the disturbance is interpolated linearly.
@@ -69,8 +69,8 @@ def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np
     dict: name -> array of block means, with one element for each element of the residual
     vector. The signals come from inputs and simulation.
 
-    Measurements are not used, because the residuals contain their noise and would
-    therefore correlate with them.
+    No measurement is used as a signal. A residual contains the noise of its measurement,
+    so the two would be correlated even if the model were perfect.
     """
     predicted = problem.simulate_channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.average_quantity("steer_angle")
@@ -143,8 +143,10 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     found = []
     for place, id_ in PLACES.items():
         change = compute_responses(problem, last.values, at, id_, hats)
-        # For each log: singular values, right singular vectors, components of the
-        # residual along the left singular vectors, and sum of squared residuals
+        # For each log: what the fitted parameters could explain is first projected out of
+        # the responses and of the residual. The entries are singular values and right
+        # singular vectors of the responses, components of the residual along their left
+        # singular vectors, and the sum of squared residuals.
         parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])
@@ -169,9 +171,9 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
             if seen.any()
             else 0.0
         )
-        # A road does not depend on the steering. If a disturbance at the road is
-        # correlated with the lateral acceleration of the car, it does not come from the
-        # road, so the road is ranked last.
+        # The bank of a road does not follow the steering. If the disturbance by the bank
+        # is correlated with the lateral acceleration of the car, its cause is the car, so
+        # the road is ranked last.
         last_of_all = id_ == ROAD_BANK and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(

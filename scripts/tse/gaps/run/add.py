@@ -63,8 +63,8 @@ def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found
 
 
 def write_formula_files(out: Path, improved: Path) -> list[Path]:
-    """Return the paths of the formula's files; an empty list if the improved vehicle has
-    no formula.
+    """Return the paths of the two files of the formula, which write_vehicle() has
+    written. If the vehicle file `improved` has no formula, return an empty list.
     """
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
@@ -73,8 +73,9 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """Return the content of the vehicle file with the fitted stiffness and the named
     effects.
 
-    `vehicle` must be the vehicle file as the user wrote it, without estimates for sensor
-    settings that it leaves out (fill_sensors()).
+    `vehicle` must be the vehicle file as the user wrote it. If the user left sensor
+    settings out, `vehicle` must not contain the estimates that fill_sensors() adds for
+    them. Otherwise these estimates would become part of the file.
     """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]

@@ -37,7 +37,8 @@ class Check:
     def code(self) -> int:
         """Exit code: NOTHING if no effect would be visible at its typical size, USABLE if
         every effect would be, otherwise IN_PART. Effects with the occurrence ABSORBED are
-        not required for USABLE.
+        not required for USABLE: `tselab gap` does not search for them, because an
+        estimated stiffness or road angle compensates for nearly all of their influence.
         """
         if not any(d.visible for d in self.effects):
             return NOTHING

@@ -190,11 +190,12 @@ def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
 
 
 def find_best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
-    """Return the rows of the interval in which the sum of squared residuals decreased
-    most, the channel, and the name of the log.
+    """Return the rows of one interval, its channel, and the name of its log. It is the
+    interval in which the effects that were added reduced the sum of squared residuals
+    most.
 
     If there are held-out logs, the interval is from one of them. If no residual changed,
-    it is the interval with the largest residuals.
+    the interval with the largest residuals is returned.
     """
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
     won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)

@@ -33,9 +33,9 @@ NEED = 8.0  # [nat] min evidence with which two effects count as separated
 RIVAL_SHARE = 0.1
 # [nat] min evidence for an effect with which a manoeuvre counts as exciting this effect
 MIN_EXCITED_NATS = 0.1
-# Relative change of the sum of squares at which a fit ends. It is small, because the
-# simulated logs have almost no noise, so that the sum of squares consists only of the
-# difference of the effects.
+# Relative change of the sum of squares below which a fit ends. It must be small here. The
+# simulated logs have almost no noise, so the sum of squares is the result itself: the
+# difference between the two effects. An early end of the fit would make it too large.
 FIT_TOLERANCE = 1e-6
 MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
 # If the evidence that separates two effects is less than this share of the evidence for
@@ -47,18 +47,18 @@ MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need more are not
 
 @dataclass(frozen=True)
 class Option:
-    """One manoeuvre, and the evidence that it gives."""
+    """One manoeuvre, and the evidence with which it separates the effects A and B."""
 
     name: str
     seconds: float  # [s] length of the manoeuvre
-    # [nat] evidence that separates the effects: for a car with A or for a car with B,
-    # whichever is smaller
+    # [nat] smaller of two values: evidence for A against B if the car has A, and evidence
+    # for B against A if the car has B
     nats: float
-    # [nat] evidence for an effect against a car without it: for A or for B, whichever is
-    # smaller
+    # [nat] smaller of two values: evidence for A against no effect if the car has A, and
+    # evidence for B against no effect if the car has B
     shows: float
-    # ratio of the evidence that separates an effect from the other one to the evidence
-    # for this effect against a car without it: for A or for B, whichever is smaller
+    # smaller of two ratios: evidence for A against B / evidence for A against no effect
+    # if the car has A, and the same with A and B exchanged
     share: float
 
     @property

@@ -1,7 +1,7 @@
 """Compute how accurately the parameters of the improved car are known: the joint
-covariance of stiffness, named effects, and effects that are not named but have a prior
-sd. The effects that are not named change no mean, but widen the intervals of the other
-parameters.
+covariance of stiffness and effects. The effects are those that the search has named, and
+those that have a prior sd although the search has not named them. Effects without a name
+change no mean, but widen the intervals of the other parameters.
 
 The covariance is computed as in the fit of a calibration (identify/fit.py), at the values
 that were found. The prior sd of an effect that is not named comes from [uncertainty] of
@@ -62,9 +62,10 @@ class Posterior:
     def make_uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
-        Settings whose parameters are in this posterior get the sds of the posterior, but
-        not less than MIN_SD, the best accuracy of a model of a car, or than the value in
-        the vehicle file if that is below MIN_SD. Other settings keep their values.
+        A setting whose parameter is in this posterior gets the sd of the posterior. Its
+        lower limit is MIN_SD, the best accuracy that a model of a car can have. If the
+        vehicle file states an sd below MIN_SD, the stated sd is the lower limit. Other
+        settings keep their values.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
@@ -111,19 +112,22 @@ def compute_posterior(
     logs
         The fitted logs as they were read.
     spread
-        Covariance of ln stiffness between the sets of effects that explain the logs
-        (Naming.spread). None: 0.
+        Several sets of effects may explain the logs, and each set gives different
+        stiffnesses. `spread` is the covariance of ln stiffness over these sets
+        (Naming.spread). It is added to the covariance of the fit. None: 0.
 
     Notes
     -----
     model_sd is computed without the formula, because the estimator does not use formulas.
     For the estimator, the part of the residuals that a formula explains is a model error.
 
-    The measured wheel speeds drive the simulation. If the simulation does not explain
-    accel_x, the fit adapts the longitudinal stiffness such that it smooths the noise of
-    the wheel speeds. For three simulated multi-body cars the result was 13 to 45 % too
-    soft. In this case the longitudinal stiffness is taken from a calibration of the slip,
-    or from the vehicle file if this calibration is not possible.
+    The measured wheel speeds are inputs of the simulation, so their noise acts on the
+    simulated accel_x. A softer longitudinal stiffness smooths this noise. If the
+    simulation does not explain accel_x (NOISE_LIMIT), the fitted stiffness is therefore
+    too small: by 13 to 45 % for three simulated multi-body cars. In this case the
+    longitudinal stiffness is taken from a regression on the slip of the wheels
+    (estimate_longitudinal()), or from the vehicle file if the logs do not permit the
+    regression.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}

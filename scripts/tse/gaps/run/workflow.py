@@ -37,10 +37,12 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road, match_log
 
 # Key of EXIT for uncertain results: the probability of an effect is below NAME_AT, or
-# each named effect has look-alikes
+# each named effect has look-alikes, from which the logs cannot distinguish it
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # verdict -> exit code
-MIN_UNNAMED_PROBABILITY = 0.5  # min probability of an effect without a name for the verdict "possible"
+# If no effect is named, the verdict is "possible" if an effect has at least this
+# probability
+MIN_UNNAMED_PROBABILITY = 0.5
 FIT, HELD_OUT = "fit", "held_out"  # the two parts of the logs: fitted, and held out
 
 
@@ -51,7 +53,8 @@ class Found:
     naming: name.Naming
     # result of the search for a formula; None if there was no search
     discovery: Discovery | None = None
-    # the combinations of names and formulas that were compared, with their probabilities
+    # the combinations of named effects and a formula that were compared, with their
+    # probabilities
     rivals: list[dict[str, Any]] = field(default_factory=list)
     # part (FIT or HELD_OUT) and data of each log
     read: list[tuple[str, CheckedLog]] = field(default_factory=list)
@@ -100,10 +103,12 @@ class GapResult(Found):
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, ChannelChange]  # channel -> change of the residuals of the held-out logs
-    # Effects that are not visible at typical size. Look-alikes of named effects are left
-    # out.
+    # Effects that would not be visible in the logs at their typical size, without the
+    # look-alikes of named effects
     undetectable: list[detect.Detectable]
-    detectable: list[detect.Detectable]  # all effects that are not named
+    # smallest visible size of every effect that is not named, whether it is visible at
+    # its typical size or not
+    detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     # the held-out logs, each on the road of the fitted logs that it matches, if any
     held: Problem | None = None
@@ -242,7 +247,9 @@ def run_workflow(
     say("checking what the named effects do not explain")
     found = Found(naming)
     if vehicle.formula is not None:
-        notes.append(f"the formula {vehicle.formula.id} of the vehicle file is kept, so none is searched for")
+        notes.append(
+            f"the formula {vehicle.formula.id} of the vehicle file is kept, so no formula is searched for"
+        )
     elif formula or leaves_something(few_held, naming) or find_excess_remainders(few, naming.final):
         discovery, naming, rivals = explain_remainder(few, few_held, naming, say)
         found = Found(naming, discovery, rivals)
@@ -312,8 +319,10 @@ def run_workflow(
 
 
 def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the gap of the car without effects is smaller on the estimated roads
-    (`problem`) than on level roads (`level`, with the fit `baseline`).
+    """Return whether the estimated roads close a part of the gap. The gap is the amount
+    by which the residuals of a car without effects exceed the sensor noise. It is
+    compared between the estimated roads (`problem`) and level roads (`level`, fit
+    `baseline`).
     """
     return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
         level, baseline.residuals
@@ -455,8 +464,8 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return the named effects whose cause is in the messages or the IMU: latencies of
-    channels that differ from the vehicle file, and low-pass filters of the IMU.
+    """Return the named effects whose cause is the bus or the IMU, not the car: latencies
+    of channels that differ from the vehicle file, and low-pass filters of the IMU.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -541,7 +550,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
     elif n.alone < 1.0:  # its share of the whole gap is small, because another effect is large
-        text += f", it closes {100 * n.alone:.0f} % of the gap that the other names leave."
+        text += f", it closes {100 * n.alone:.0f} % of the gap that the other named effects leave."
     else:
         text += "."
     if n.look_alikes:
