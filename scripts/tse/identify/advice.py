@@ -107,7 +107,7 @@ def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
 
     if not found:
         return []
-    head = f"What would narrow the intervals of cornering stiffness, front and rear now {format_sd(now)}:"
+    head = f"Cornering stiffness, front and rear: now {format_sd(now)}. What would narrow the intervals:"
     return [head, *(f"  {o.what}: {format_sd(o.sd)}" for o in found)]
 
 
@@ -138,7 +138,7 @@ def _list_latencies(problem: CarProblem) -> list[str]:
 
 
 def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd: float) -> dict[str, float]:
-    """Return the sds as in Offer.sd, if the unknowns `names` are known with sd `sd`."""
+    """Return the sds (Offer.sd) that result if the unknowns `names` are known to `sd`."""
     information = _compute_car_information(problem, fit)
     at = [problem.names.index(n) for n in names]
     information[at, at] += sd**-2
@@ -148,13 +148,18 @@ def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd:
 def compute_sd_after(
     problem: CarProblem, fit: CarFit, steer: Callable[[np.ndarray], np.ndarray]
 ) -> dict[str, float]:
-    """Return the sds as in Offer.sd, if a manoeuvre with this steering angle is added."""
+    """Return the sds (Offer.sd) that result if a manoeuvre is added to the logs.
+
+    `steer` is the steering angle of the manoeuvre as a function of time.
+    """
     added = _compute_added_information(problem, fit, [_make_log(problem, steer)], fit.scales)
     return compute_axle_sd(problem, fit, _compute_car_information(problem, fit) + added)
 
 
 def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> dict[str, float]:
-    """Return the sds as in Offer.sd, if the logs had a measured lateral velocity."""
+    """Return the sds (Offer.sd) that would result if the logs also had a measured lateral
+    velocity.
+    """
     logs = [
         replace(
             log,

@@ -18,8 +18,12 @@ from scipy.sparse import coo_matrix, csc_matrix
 KNOT_DISTANCE = 40.0  # [m] between knots; the bank of a road changes within 30 .. 60 m
 KNOT_SD = 0.03  # [rad] prior sd of a value of bank or grade; the prior mean is 0
 PROFILES = ("bank", "grade")
-KNOT_SPACING = 5  # one simulation changes the values at every 5th knot
-KNOT_LEAD = 1.0  # [knots] distance before a knot at which its value begins to act (interpolation)
+# One simulation changes the values at every 5th knot. Each row is then influenced by at
+# most one changed value
+KNOT_SPACING = 5
+# [knots] distance before a knot from which on the value at the knot acts: linear
+# interpolation begins at the previous knot
+KNOT_LEAD = 1.0
 KNOT_STEP = 0.01  # [rad] step of the finite differences; the effect of gravity is nearly linear
 
 

@@ -56,9 +56,9 @@ MIN_REGRESSION_SPEED = 4.0  # [m/s]
 MAX_STRAIGHT_STEER = 0.03  # [rad]
 MAX_STRAIGHT_ACCEL = 1.0  # [m/s2] lateral acceleration
 MAX_GRIP_SHARE = 0.5  # ratio of the force of the driven axle to its grip, the largest possible force
-# [m/s2] accel_x below which the brakes may be on, if the log has no brake switch. Limits
-# of -0.1 and -0.3 would admit rows with brakes, which make the stiffness of a steady
-# drive 14 % and 65 % too large
+# [m/s2] If the log has no brake switch, rows with accel_x below this limit are not used,
+# because the brakes may be on. A limit of -0.1 would admit rows with brakes and make the
+# stiffness of a steady drive 14 % too large, a limit of -0.3 would make it 65 % too large
 MIN_COAST_ACCEL = 0.0
 BRAKE_THRESHOLD = 0.5  # value of the brake switch from which on the brakes are on
 

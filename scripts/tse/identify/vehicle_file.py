@@ -45,11 +45,11 @@ class Residuals(Protocol):
 def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
     """Return the setting model_sd, the relative sd of the model error, from residuals.
 
-    It is the root of the weighted mean of two squares: that of the prior value `before`,
-    with weight PRIOR_PIECES, and that of the result of measure_unexplained(), whose
-    weight is the number of pieces. Half a minute straight ahead has nearly no weight,
-    because it contains no model error of curves. Half an hour of curves outweighs
-    `before`, the prior value.
+    The prior value `before` and the value from measure_unexplained() are combined. The
+    square of the result is the weighted mean of the squares of both values. The weight of
+    `before` is PRIOR_PIECES, the weight of the measured value is its number of pieces.
+    Half a minute straight ahead has nearly no weight, because it contains no model error
+    of curves. Half an hour of curves outweighs `before`.
     """
     left, count = measure_unexplained(problem, residuals)
     found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))

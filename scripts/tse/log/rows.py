@@ -130,9 +130,9 @@ class Reading:
 
 @dataclass(frozen=True)
 class SlowChannel:
-    """A channel that was interpolated to the times of the rows, before interpolation.
+    """Original samples of a channel that was interpolated to the times of the rows.
 
-    An entry is one original sample of the channel."""
+    An entry is one original sample."""
 
     time: np.ndarray  # [s]
     value: np.ndarray

@@ -217,8 +217,10 @@ def list_log_names(problem: Problem) -> list[str]:
 
 # ---- gain of the estimator
 #
-# The true stiffness is unknown. So the gain is measured by the log evidence of the rows,
-# in nats, and by the share of the rows whose estimates are valid.
+# The true stiffness is unknown, so the error of the estimates cannot be computed.
+# Instead, the gain is measured by two quantities: the log evidence of the rows [nat],
+# i.e. the log likelihood of the measurements of a row, given all earlier rows, and the
+# share of the rows whose estimates are valid.
 
 
 def compute_gain(
@@ -245,7 +247,8 @@ def compute_gain(
         tables = list(pool.map(estimate_log, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
     for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
-        # The log evidence is compared in the rows in which both runs used a measurement.
+        # The log evidence is compared in the rows in which both runs used a measurement,
+        # so that both means are over the same rows.
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
         drives.append(
             {

@@ -85,9 +85,9 @@ class ManeuverPlan:
         if not self.separable:
             shown = [o for o in self.options if o.shows >= NEED]
             why = (
-                "each of them is visible, but the other one explains the same residual"
+                "each effect is visible, but the other effect explains the same residual"
                 if shown
-                else "in no manoeuvre are both visible"
+                else "there is no manoeuvre in which both effects are visible"
             )
             return f"{pair} cannot be separated by any of the {len(self.options)} manoeuvres: {why}."
         rows = [
@@ -113,9 +113,9 @@ class ManeuverPlan:
         ]
         if best.share < RIVAL_SHARE:
             lines.append(
-                f"The difference has only {100 * best.share:.0f} % of the evidence for either effect. "
-                f"'tselab gap' needs {100 * RIVAL_SHARE:.0f} %, because models of a real car are not more "
-                "accurate: it will not exclude either effect."
+                f"The evidence that separates the effects is only {100 * best.share:.0f} % of the evidence "
+                f"for one of them. 'tselab gap' needs {100 * RIVAL_SHARE:.0f} % to exclude one of them, "
+                "because model errors of a real car hide smaller differences."
             )
         return "\n".join(lines)
 

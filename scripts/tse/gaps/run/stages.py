@@ -19,8 +19,8 @@ from tse.identify.fit import fit
 from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, make_prior
 from tse.library.core import Config
 
-# Parameters that are calibrated in the second stage, because no vehicle file states them
-# exactly. Sensor biases are fitted in all three stages.
+# Parameters that are calibrated in the second of the three stages. Every car has them,
+# and no vehicle file states them exactly. Sensor biases are fitted in all three stages.
 EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
 
 

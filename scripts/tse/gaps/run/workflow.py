@@ -430,7 +430,7 @@ def judge_run(
         probability = _format_percent(best["probability"])
         words.append(f"Possible, but not named: {best['id']}, probability {probability} ({best['why']}).")
     if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
-        words.append(f"It acts like a disturbance at: {entries[0].place}.")
+        words.append(f"The missing effect acts like a disturbance at: {entries[0].place}.")
     words += found.discovery.words if found.discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     more = [
