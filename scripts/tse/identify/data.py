@@ -406,7 +406,7 @@ def simulate(
     channels
         Outputs of the model that are returned.
     stiffness
-        Initial stiffness relative to that of `config`, by name.
+        By name of a stiffness: ratio of its initial value to its setting in `config`.
     profiles
         Bank and grade [rad] of each row. Bank and grade in the log are added to them.
     later

@@ -41,7 +41,7 @@ class Knots:
     first, count : lists, one entry for each road
         Place [m] of the first knot, and number of knots of one profile.
     kinds : tuple of str
-        Profiles that are unknown, of PROFILES.
+        Profiles that are fitted: "bank", "grade" or both.
     """
 
     distance: list[np.ndarray]

@@ -173,14 +173,14 @@ def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
     k = names.index(LONGITUDINAL_KEY)
     if not fit.covariance[k, k] < (MAX_SHOWN_RATIO * problem.sd[k]) ** 2:
         found.append(
-            "longitudinal stiffness: not shown by these logs: it needs straight rows with and without drive "
-            "force, and, if both axles are driven, wheel torques and brake"
+            "longitudinal stiffness: not shown by these logs; needed: straight rows with and without drive "
+            "force and, if both axles are driven, the columns of wheel torques and brake"
         )
     if (late := _compute_wheel_delay(problem, fit)) != 0.0:
         which = "front" if late > 0 else "rear"
         found.append(
-            f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms later than the other; the latency "
-            "of each is corrected by half of this difference"
+            f"wheel speeds: the {which} axle is {1000 * abs(late):.1f} ms later than the other axle; the "
+            "latency of each axle is corrected by half of this difference"
         )
     front, rear = (fit.x[names.index(name)] / getattr(problem.config, name) for name in RADIUS_SETTINGS)
     off = rear / front - 1.0

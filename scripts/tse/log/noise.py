@@ -121,7 +121,9 @@ def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | No
 
 
 def _measure_scale(x: np.ndarray) -> float:
-    """Return the median absolute deviation of x; if it is 0, the sd; if both are, 1."""
+    """Return the median absolute deviation of x. If it is 0, return the sd of x, or 1 if
+    the sd is 0, too.
+    """
     return float(np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0)
 
 

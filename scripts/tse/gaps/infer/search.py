@@ -44,7 +44,9 @@ RIVALS = 2  # number of replacements that are fitted for each effect of the best
 # more than this value.
 FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
-PAIRED = 8  # number of the most promising effects that are tried together with a second one
+# Two effects are added at once in pairs. The first effect of a pair is one of this number
+# of most promising effects, the second can be any other effect.
+PAIRED = 8
 # Number of iterations of the approximation of a set (Around.judge()). Each iteration
 # computes the variance of every channel from the residuals of the iteration before it.
 WEIGHINGS = 4
@@ -98,9 +100,10 @@ def compute_ln_likelihood(square: float, count: int) -> float:
 
 
 def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
-    """Return the sum over the effects of ln prior odds + ln(p / q). p is the prior
-    density of the effect's size, and q the density of the wide normal prior that the fit
-    used in its place.
+    """Return the sum over the effects of ln prior odds + ln(p / q), with two prior
+    densities of the fitted size of the effect. p belongs to the true prior, which need
+    not be normal. q belongs to the wide normal prior that the fit used instead. ln(p / q)
+    corrects the evidence for this difference.
     """
     total = 0.0
     for h in effects:
@@ -238,7 +241,9 @@ class Around:
 
 @dataclass
 class Search:
-    """Searches for the most probable set, and keeps all sets that it has judged."""
+    """Searches for the most probable set of effects, and stores the sets that it has
+    fitted or approximated.
+    """
 
     problem: Problem
     asked: Sequence[Hypothesis]
@@ -382,8 +387,8 @@ class Search:
         return best
 
     def compute_probabilities(self) -> dict[frozenset[str], float]:
-        """Return ids of a set -> probability, for all sets that were judged. The sum is
-        1.
+        """Return a dict: ids of the effects of a set -> its probability, for all sets
+        that were fitted or approximated. The sum of the probabilities is 1.
         """
         sets = self.list_judged()
         ln = np.array([j.evidence for j in sets.values()])
@@ -391,7 +396,7 @@ class Search:
         return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
     def list_judged(self) -> dict[frozenset[str], Judged]:
-        """Return ids of a set -> set, for all sets that were judged. Fits have priority
-        over approximations.
+        """Return a dict: ids of the effects of a set -> the set, for all sets that were
+        fitted or approximated. If a set was both, the fitted one is returned.
         """
         return self.near | self.known

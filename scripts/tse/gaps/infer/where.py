@@ -58,7 +58,7 @@ class Entry:
     """
 
     place: str
-    nats: float  # [nat] log evidence for a disturbance at this place
+    nats: float  # [nat] ln of the Bayes factor of a disturbance at this place against none
     share: float  # share of the sum of squared residuals that the disturbance explains
     size: float  # sd of the disturbance, in `unit`
     unit: str

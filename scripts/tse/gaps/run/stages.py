@@ -98,8 +98,8 @@ def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
 
 
 def describe_stages(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
-    """Return a sentence for each channel of each part of the logs. `title` converts a
-    part to the words for it.
+    """Return a sentence for each channel of each part of the logs. `title` converts
+    the name of a part to its description in the sentence.
     """
     return [
         f"{c} of {title(part)}: rms error {s.filed:.3g} {CHANNEL_UNIT[c]} with the vehicle file, "
