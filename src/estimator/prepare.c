@@ -86,7 +86,7 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 
 static tse_setting compute_square(tse_setting x) { return r_mul(x, x); }
 
-/* Apply the active effects of kind CONSTANT to the settings of the car. */
+/* Apply the active effects of hook CONSTANT to the settings of the car. */
 static void apply_constant_effects(uint64_t mask, tse_config *car)
 {
 #define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);

@@ -3,21 +3,24 @@
  * In this form rounding leaves D positive and P symmetric: variances are never negative,
  * no matrix is inverted, and numbers need half the digits of those in P. References:
  * Bierman, Factorization Methods for Discrete Sequential Estimation (1977), V.3
- * (measurement) and VI.4 (time); Agee & Turner (1972), rank-one update. The columns of U
- * above its diagonal are stored one after the other.
+ * (measurement) and VI.4 (time); Agee & Turner (1972), rank-one update. Only the elements
+ * of U above the diagonal are stored, one column after the other (p->u).
  *
- * Extra states are those of the measured velocities. No other state depends on them. In U
- * they therefore come before the other states: each extra state adds a row above the rows
- * of the other states (W, p->w), and does not change the elements of the rows of the
- * other states. In vectors (a, h, f, v, gain), however, the extra states come after the
- * other states. While p->extras is 0, their elements are not read. */
+ * Extra states are states that exist only after a velocity has been measured, for example
+ * the heading (velocity.c). No other state depends on them. In U they therefore come
+ * before the other states: each extra state adds a row above the rows of the other
+ * states, and does not change the rows of the other states. The added rows are called W
+ * and are stored in p->w. In vectors (a, h, f, v, gain), however, the extra states come
+ * after the other states. While p->extras is 0, no extra states are in use, and their
+ * elements of these vectors are not read. */
 #ifndef TSE_UD_H
 #define TSE_UD_H
 
 #include "model/car.h"
 #include "number/vector.h"
 
-/* Number of extra states in use: a constant in builds without velocities. */
+/* Number of extra states in use. In a build without measured velocities it is the
+ * constant 0, so that the compiler removes the code for extra states. */
 #if defined(TSE_NO_VELOCITY)
 #define EXTRAS_IN_USE(p) 0
 enum { MAX_EXTRAS = 0 };
@@ -31,8 +34,8 @@ static inline int ud_column(int j) { return j * (j - 1) / 2; }
 
 /* ----------------------------------------------------------------------- set and read */
 
-/* Set the covariance to the diagonal matrix of these variances. No extra
- * states are in use then. */
+/* Set the covariance to the diagonal matrix of these variances. After the call, no extra
+ * states are in use. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
 
 /* Set the covariance of the TSE_KEPT states from `first` on, which must not correlate
@@ -64,8 +67,8 @@ void ud_fade(tse_ud *p, int i, tse_real share);
 void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
 /* Propagate the covariance to F P F' + Q.
- *   Given:   M      first MOTION rows of F, as r_slope() numbers. The other rows of F are
- *                   those of the identity matrix
+ *   Given:   M      first MOTION rows of F, in the number format that r_slope() returns.
+ *                   The other rows of F equal the rows of the identity matrix
  *            noise  diagonal of Q for the first MOTION states
  *   O(MOTION STATES^2 / 2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
@@ -79,8 +82,8 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
  *   Returned:  f = U' h, v = D f, for ud_correct() */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
-/* Return the same as ud_measure(). It is faster, because the nonzero elements of h have
- * been found before.
+/* Return the same as ud_measure(). This function is faster, because the caller has
+ * already found the nonzero elements of h.
  *   Given:     sparse  nonzero elements among the first STATES of h */
 tse_real ud_measure_sparse(
     const tse_ud *p, const tse_real *h, const r_sparse *sparse, tse_real *f, tse_real *v);

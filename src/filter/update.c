@@ -2,10 +2,11 @@
  * the noise of each channel. */
 #include "filter/filter.h"
 
-/* Add the sum of the corrections of this row to x, within its bounds. For each stiffness,
- * collect (OWN_SHARE times the correction)^2: earlier updates were linearised at the old
- * stiffness, and this is the variance of their error. predict_slow_states() adds it to
- * the variance of the stiffness. */
+/* Add the sum of the corrections of this row to the state x, and limit each state to its
+ * range. Earlier measurements were linearised at the old stiffness. If a correction
+ * changes a stiffness, these measurements therefore have a linearisation error. Its
+ * variance, (OWN_SHARE times the correction)^2, is added up in k->moved for each
+ * stiffness. predict_slow_states() adds this sum to the variance of the stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -25,17 +26,19 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
   m.h[BR] = state_unit[BR];
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
-  /* an innovation beyond 3 sd shows that the car turns although its
-   * wheels stand: no update */
+  /* If the innovation exceeds 3 sd, the car turns although its wheels stand, for example
+   * on a ferry. The gyro then does not measure its bias, and the bias is not updated. */
   if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->ud, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   apply_correction(p, k, change);
 }
 
 /* Compute the partial derivatives of the sensor readings with respect to the consider
- * parameters of the sensors (latencies and scales), per sd of the parameter. Those for
- * latencies follow from the rates of forces and speed.
- *   Updated:   k->before  forces and speed of this row */
+ * parameters of the sensors (latencies and scales), each multiplied by the sd of the
+ * parameter. The derivative with respect to a latency is minus the rate of the reading.
+ * The rate is the difference between this row and the previous row, divided by dt.
+ *   Updated:   k->before  before the call: forces and speed of the previous row;
+ *                         after the call: forces and speed of this row */
 static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
     tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
 {
@@ -54,11 +57,14 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
   k->before[2] = k->x[VX];
 }
 
-/* Return whether the car brakes, according to the force at the estimated slip, or to
- * accel_x if accel_x contradicts that force. The estimated slip oscillates with the
- * rotation of the wheels. Without accel_x, the car would count as driving mostly in those
- * halves of a rotation in which the estimated slip is too large. Updates in these halves
- * alone (use_free_rolling()) would bias the slip. */
+/* Return whether the car brakes: whether its longitudinal tyre force is negative. The
+ * force follows from the estimated slip, or from accel_x if accel_x contradicts it.
+ *
+ * Reason for accel_x: the estimated slip oscillates with the rotation of the wheels, and
+ * with it the computed force. Without accel_x the sign of the force would change twice in
+ * each rotation of the wheels. use_free_rolling() would then update the slip mostly in
+ * the half rotations in which the estimated slip is too large. This would bias the
+ * slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -75,15 +81,17 @@ static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return whether the car may be driving, i.e. does not brake. While it brakes no axle
- * rolls freely, and slip follows from the integral of accel_x only. */
+/* Return 1 if the car does not brake, otherwise 0. The tests of events need this: while
+ * the car brakes no axle rolls freely, so that the slip follows from the integral of
+ * accel_x only and longitudinal channels cannot show a change of the tyres. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
 }
 
-/* Update the filter with a pseudo-measurement of the slip of the freely rolling axle,
- * which follows from its rolling resistance. */
+/* If an axle rolls freely, update the filter with a pseudo-measurement of its slip. The
+ * assumed value is the small negative slip at which the tyre force overcomes the rolling
+ * resistance of the wheels. */
 static void use_free_rolling(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
@@ -109,7 +117,8 @@ typedef struct prediction {
 
 /* Predict the readings of all sensors.
  *   Given:    f  forces at the end of the row
- *   Updated:  k  pitch; before: forces and speed, to compute rates in the next row */
+ *   Updated:  k->pitch, and k->before (see compute_consider_slopes())
+ *   Returned: *s */
 static void predict_sensors(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, prediction *s)
 {
@@ -125,7 +134,7 @@ static void predict_sensors(
       s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
   if (HAS_SLIP && z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0);
   for (int a = 0; HAS_SLIP && z->no_second && a < TSE_SENSORS; a++) {
-    s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* one speed holds no information on slip */
+    s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* slip is observable only with two wheel speeds */
   }
   compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
@@ -133,10 +142,13 @@ static void predict_sensors(
 /* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). The model
  * discrepancy grows with these mean squares, the excitation. Each square is multiplied by
  * (force of linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation
- * the force depends on the form of the tyre curve, which is unknown. A minimum is added
- * to each mean square for wind, play and uneven roads. For a_x and a_y it is
- * MIN_ACTIVITY^2 plus TAIL times the noise variance of accel_y. For the yaw rate this sum
- * is divided by v_x^2. */
+ * the force depends on the form of the tyre curve, which is unknown.
+ *
+ * A constant is added to each mean square, because wind, play and uneven roads cause a
+ * discrepancy even without excitation. For a_x and a_y the constant is MIN_ACTIVITY^2
+ * plus TAIL times the noise variance of accel_y, which is larger on uneven roads. For the
+ * yaw rate the constant is this sum divided by v_x^2, because a yaw rate r corresponds to
+ * the lateral acceleration v_x r. */
 static void update_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(MIN_ACTIVITY));
@@ -164,7 +176,8 @@ static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k
 }
 
 /* Return the part of the variance of a predicted wheel speed [m2/s2] that the error of
- * the slip causes. It is needed if the slip is computed from the force. */
+ * the slip causes. This part is needed only if the slip is computed from the force. If
+ * the slip is a state, its variance is in the covariance of the state. */
 static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int channel)
 {
   const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
@@ -185,11 +198,12 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
   return is_wheel(channel) ? channel == axle : channel != ACCEL_X;
 }
 
-/* Compute the scalar measurement of a channel. Its innovation refers to the state as
- * corrected by the channels before it.
- *   Given:     sin_d   sine of the front wheel angle
- *              change  corrections so far
- *   Returned:  m */
+/* Compute the scalar measurement of a channel: innovation, partial derivatives and noise
+ * variance. The innovation is computed with the state after the corrections by the
+ * channels that precede this channel in the row.
+ *   Given:     sin_d   sine of the road-wheel angle of the front axle
+ *              change  sum of these corrections, in units of the state
+ *   Returned:  *m */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s,
     tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
 {
@@ -207,8 +221,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     const tse_real by_car = is_of_car ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
     m->consider[q] = s->consider[channel][q] + by_car;
   }
-  /* The two front wheels steer by different angles (Ackermann). The model has one front
-   * wheel, which steers by their mean. */
+  /* Variance of the front wheel speed due to Ackermann steering: the two front wheels
+   * have different angles, and the single front wheel of the model has their mean. */
   const tse_real ackermann = r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d)));
   const tse_real turn = channel == WHEEL_FRONT ? ackermann : TSE_R(0);
   const int slip_by_force = (!HAS_SLIP || z->no_second) && is_wheel(channel);
@@ -238,16 +252,18 @@ static void update_lasting(const tse_params *p, tse_kalman *k, int channel, cons
   *var = r_mul(gain, m->white);
 }
 
-/* Update the filter with a channel. Store its innovation, and update its estimated noise
- * and the log-likelihood.
- *   Updated:  change */
+/* Update the filter with the measurement m of a channel. Store the innovation of the
+ * channel. Update its estimated noise variance, its nis and the log-likelihood of the
+ * row.
+ *   Updated:  k, and change, to which the correction of the state is added */
 static void use_channel(
     const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real change[TSE_ALL])
 {
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  /* the running mean is over all samples at the start, later over USUAL_TIME */
+  /* The noise variance is a running mean: in the first USUAL_TIME over all samples since
+   * the start, later over the last USUAL_TIME. */
   const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME));
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;
@@ -268,8 +284,8 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   update_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
-  /* is_driving() uses the innovation of accel_x in the previous row:
-   * call it before the loop */
+  /* is_driving() must be called before the loop, because it needs the innovation of
+   * accel_x in the previous row, which the loop overwrites. */
   const int32_t along = HAS_SLIP && is_driving(p, k, z, &f);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];

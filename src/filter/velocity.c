@@ -1,34 +1,39 @@
 /* filter/velocity.c - measured velocities: longitudinal and lateral speed of an INS,
  * speed and course of GNSS.
  *
- * At the position of the sensor, at a time `late` before the row, the velocity
- * is (vx, vy) = v + r x lever, with the velocity v and the yaw rate r of the
- * car. The channels are:
+ * A sensor measures the velocity at its own position, and at the time `late` before the
+ * row. This velocity is (vx, vy) = v + r x lever. v is the velocity of the centre of
+ * gravity, and r is the yaw rate. The channels are:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
  *                                              heading' = gyro - bias
  * The extra states are: heading, model discrepancy of the lateral speed, scale error,
  * mounting angle of the INS (turn), latency (late), and longitudinal and lateral position
- * of the sensor (lever). No other state depends on them, so that they come before the
- * others in U D U' (ud.h). Their use starts with the first velocity. Before it they cost
- * no time and do not change the results at all.
+ * of the sensor (lever). No other state depends on them. In U D U' they therefore come
+ * before the other states (ud.h). They are in use from the first measured velocity on.
+ * Before that time they need no computing time and do not change the results at all.
  *
- * The motion at the time of the measurement is the present motion less its change since
- * then (`past`). The partial derivatives for that time are those for the present motion,
- * less `late` times those for the rate of the motion. The heading is a state, because
- * differences of successive courses would have correlated noise. */
+ * The motion at the time of the measurement is the present motion plus the stored
+ * difference `past`, which is the earlier motion minus the present one. The partial
+ * derivatives of the earlier motion are the partial derivatives of the present motion,
+ * minus `late` times the partial derivatives of its rate of change.
+ *
+ * The heading is a state, so that each course is a measurement of its own. Without this
+ * state, a yaw rate would have to be computed from the difference of two successive
+ * courses, and the noise of successive differences is correlated. */
 #include "filter/filter.h"
 
 #if !defined(TSE_NO_VELOCITY)
 
-/* Columns of the past motion: VX, VY and YAW, as in the state, then the heading. */
+/* Columns of the past motion: longitudinal speed, lateral speed and yaw rate, in the
+ * order of the states VX, VY and YAW, then the heading. */
 enum { KEPT_HEADING = 3, KEPT };
 
 /* Velocity channels, in the order of src/tables/sensors.toml. */
 enum { INS_X, INS_Y, SPEED, COURSE };
 
-/* Return whether a channel measures the longitudinal speed, whose
- * error looks like slip. */
+/* Return whether a channel measures the longitudinal speed. An error of such a channel
+ * has the same effect on the innovations as a slip. */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
@@ -61,8 +66,8 @@ void velocity_lose(tse_kalman *k)
   m->kept = m->has_heading = m->has_gyro = 0;
 }
 
-/* Update the past motion, which is stored relative to the motion of this row. Append a
- * new element at intervals of PAST_INTERVAL. */
+/* Update the stored past motion. Each element is the motion at an earlier row minus the
+ * motion at this row. Insert a new element at intervals of PAST_INTERVAL. */
 static void keep_past(tse_kalman *k, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -108,9 +113,10 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->ud, a, -1, q);
 }
 
-/* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck
- * process with time constant MODEL_TIME. Its sd is proportional to the recent sideways
- * speed of the rear axle. */
+/* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck process
+ * with time constant MODEL_TIME. The sd of the process is proportional to the rms lateral
+ * speed of the rear axle in the last MODEL_TIME, at least MIN_SIDEWAYS_SPEED.
+ *   Given:  left  exp(-dt/MODEL_TIME) */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -123,9 +129,9 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   add_variance(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
-/* Propagate the heading with the reading of the gyro less its bias or, if there is none,
- * with the yaw rate of the state. The gyro is preferred, because the yaw rate of the
- * state has a model error. */
+/* Propagate the heading with the reading of the gyro minus its bias. If there is no
+ * usable reading of the gyro, propagate the heading with the yaw rate of the state. The
+ * gyro is preferred, because the yaw rate of the state has a model error. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
@@ -212,14 +218,16 @@ static velocity_reading predict_value(
   return m;
 }
 
-/* Predict the value of a channel at the time `late` before the row. In the longitudinal
- * speed a wrong slip looks like a latency. The latency is therefore not estimated from
- * this speed, and its uncertainty is added to the noise.
+/* Predict the value of a channel at the time `late` before the row, and compute its
+ * innovation. While the speed changes, an error of the slip and a latency have the same
+ * effect on a measured longitudinal speed. The latency is therefore not estimated from
+ * longitudinal speeds. Its uncertainty is added to their noise instead.
  *   Given:     z   measured value
- *              by  partial derivatives of the rates of motion with respect to state and
- *                  consider parameters, SI
- *   Returned:  m   innovation before the corrections of this row; partial derivatives in
- *                  units of the state; white: variance due to an unestimated latency */
+ *              by  partial derivatives of the rates of change of vx, vy and yaw rate with
+ *                  respect to state and consider parameters, SI
+ *   Returned:  *m  e      innovation before the corrections of this row
+ *                  h      partial derivatives with respect to the state, in its units
+ *                  white  variance due to the latency if it is not estimated; else 0 */
 static void predict_reading(
     const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
@@ -256,8 +264,8 @@ static void predict_reading(
   for (int i = 0; i < TSE_ALL; i++) m->h[i] = r_mul(h[i], state_unit[i]);
 }
 
-/* Change the heading by `by`, so that it fits the measured course, and set the variance
- * of the heading to HEADING_SD^2, that of an unknown heading. */
+/* Change the heading by `by`, so that the predicted course equals the measured course.
+ * Set the variance of the heading to HEADING_SD^2, the variance of an unknown heading. */
 static void set_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrap_angle(k->x[PSI] + by);
@@ -267,10 +275,12 @@ static void set_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Update the filter with a value of a channel. Reject it if recent values contradict the
- * prediction: if the mean of their normalised innovation squared exceeds MAX_NIS.
- *   Given:    dt  [s] since the last value
- *   Updated:  s, change */
+/* Update the filter with a value of a channel. Reject the value if recent values of the
+ * channel contradict the prediction. This is so if the running mean of their normalised
+ * innovation squared exceeds MAX_NIS.
+ *   Given:    dt      [s] time since the last value
+ *   Updated:  s       innovation after the corrections by other channels, noise variance
+ *             change  sum of the corrections of this row, in units of the state */
 static void use_velocity(
     const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
 {
@@ -292,7 +302,7 @@ static void use_velocity(
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(nis, r_sqr(MAX_NIS)) - m->mean_nis[c]);
   if (m->mean_nis[c] > MAX_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MAX_SINCE);
-    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the zero of the course has changed */
+    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the course has a new zero direction */
       m->has_heading = 0;
       m->mean_nis[c] = TSE_R(1);
       m->rejected_for[c] = TSE_R(0);
@@ -331,8 +341,8 @@ void velocity_update(
     if (!(z->given >> c & 1u) || is_repeat) continue;
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    /* if only one wheel speed is measured, its difference from the velocity
-     * may have other causes than slip */
+    /* With a single wheel speed, the slip is not estimated. A difference between wheel
+     * speed and longitudinal speed may then have other causes than slip: no update. */
     if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);
@@ -359,7 +369,7 @@ int32_t velocity_fault(const tse_kalman *k)
 
 tse_real velocity_discrepancy(const tse_kalman *k) { return k->x[V_DISCREPANCY]; }
 
-#else /* without velocities: rows that give one are refused */
+#else /* build without velocities: a row that contains a velocity is refused */
 
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z) { (void)p, (void)k, (void)z; }
 void velocity_lose(tse_kalman *k) { (void)k; }

@@ -122,8 +122,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 /* Return whether the magnitude of x is at most `limit`. */
 static int is_within(int32_t x, int32_t limit) { return x >= -limit && x <= limit; }
 
-/* Return the max magnitude of a mean in the file, which equals the max magnitude of the
- * corresponding state of the filter. */
+/* Return the max magnitude of a mean in the file, in units of 2^-24. It equals the max
+ * magnitude of the state of the filter that the mean belongs to. */
 static int32_t get_max_code(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
@@ -167,9 +167,11 @@ static tse_status refuse(tse_status status, const char *what, const char **wrong
   return status;
 }
 
-/* Read and check a file.
- *   Given:     vehicle  fingerprint of the settings, which the file must contain
- *   Returned:  *c; *wrong  name of the wrong part, if the result is negative */
+/* Read and check a file. Return TSE_OK, or a negative status.
+ *   Given:     vehicle  fingerprint of the vehicle settings; the file must contain the
+ *                       same fingerprint
+ *   Returned:  *c       content of the file
+ *              *wrong   name of the wrong part, if the status is negative */
 static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, content *c, const char **wrong)
 {
   if (bytes < FRAME || get(in) != MAGIC) return refuse(TSE_E_LEARNT, "its mark", wrong);
@@ -220,7 +222,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
     for (int q = 0; q < TSE_CONSIDERED; q++)
       var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
     const int place = get_place(i);
-    if (HAS_SLIP && place == K_STIFFNESS) { /* remove the model error that LCX includes */
+    if (HAS_SLIP && place == K_STIFFNESS) { /* LCX includes a model error: remove it */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
       mean = k->along.mean + r_mul(share, mean - k->along.mean);
@@ -298,8 +300,8 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 
 /* ------------------------------------------------------------------------------ load */
 
-/* Return rate times n. n is split into digits to the base 1024, and the products of rate
- * and each digit are added, so that each factor fits a fixed-point number. */
+/* Return rate times n. A large n does not fit a fixed-point number. n is therefore split
+ * into digits to the base 1024, and the products of rate and the digits are added. */
 static tse_real compute_growth(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -310,9 +312,9 @@ static tse_real compute_growth(tse_real rate, uint32_t n)
   return sum;
 }
 
-/* Return the relative variance of a mean stiffness after age_s seconds.
- *   Given:  sd       relative sd as saved
- *           max_var  variance of the prior in the settings, which is the limit */
+/* Return the relative variance of a mean stiffness age_s seconds after it was saved.
+ *   Given:  sd       relative sd when it was saved
+ *           max_var  upper limit of the result: variance of the prior in the settings */
 static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real max_var)
 {
   const tse_real minutes = r_from_int((int32_t)(age_s % DAY / 60u));
@@ -371,16 +373,19 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 }
 
 #if !defined(TSE_NO_PARTICLES)
-/* Set the prior of the particle filter to the aged state.
+/* Set the prior of the particle filter to the saved state, aged by age_s seconds.
  *
  * In each particle the variance of a mean stiffness is gamma Sigma: Sigma is the
  * covariance of the process noise of the stiffness, and the factor gamma is the same for
  * all three stiffnesses. If gamma Sigma is smaller than the aged variance of a mean, the
- * mean of each particle is drawn at random with the missing variance (mu_sd). The
- * variance of the mean is also added to Sigma, and Sigma has the weight of initial_dof
- * samples, so that the particles can follow a changed road. In 8 drives that start on a
- * road with 60 % of the learnt stiffness, this reduces the rms errors of the three
- * stiffnesses after 10 .. 20 s from 5.2, 5.2, 10.9 % to 3.3, 4.0, 7.7 %. */
+ * mean of each particle is drawn at random with the missing variance (mu_sd).
+ *
+ * The road may have changed since the state was saved. So that the particles can follow
+ * the change, the aged variance of each mean is also added to Sigma, and this Sigma
+ * counts only as much as an estimate from initial_dof samples. Example: 8 drives that
+ * start on a road with 60 % of the learnt stiffness. With these two measures the rms
+ * errors of the three stiffnesses after 10 .. 20 s are 3.3, 4.0, 7.7 %, without them 5.2,
+ * 5.2, 10.9 %. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];
@@ -407,7 +412,7 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
     s->bias_var[a] = bias_var;
   }
   if (c->known == 0) return; /* no stiffness has been learnt: keep the prior of the settings, bit for bit */
-  const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
+  const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* lam = Sigma (nu - 4)/nu */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;
     const tse_real r = r_clamp(r_from_q24(c->correlation[a]), -MAX_SAVED_CORRELATION, MAX_SAVED_CORRELATION);

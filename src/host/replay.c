@@ -69,8 +69,8 @@ static int is_start_finite(const tse_replay_start *s)
   return fine;
 }
 
-/* Return the angular acceleration [rad/s2] of a wheel at row i, from the rows before and
- * after it. */
+/* Return the angular acceleration [rad/s2] of a wheel at row i: the difference quotient
+ * of its speed between the previous and the next row. */
 static tse_real compute_spin_up(const tse_real *omega, const tse_real *dt, int32_t i, int32_t rows)
 {
   const int32_t a = i > 0 ? i - 1 : 0, b = i < rows - 1 ? i + 1 : i;
@@ -113,8 +113,8 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
       && fine;
 }
 
-/* Check the start and all rows, before the model processes the first row.
- *   Updated:  wrong  index of the wrong row, if wrong is not NULL */
+/* Check the initial state and all rows, before the model processes the first row.
+ *   Returned:  status; *wrong  index of the first wrong row, if wrong is not NULL */
 static tse_status check_rows(
     const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
 {
@@ -127,8 +127,8 @@ static tse_status check_rows(
   return TSE_OK;
 }
 
-/* Return the inputs of row i. The steering angle is the logged one, changed by the
- * effects of kind INPUT.
+/* Return the inputs of row i. The steering angle is the logged angle after the effects of
+ * hook INPUT, for example a delay of the steering.
  *   Updated:  m  memory of the effects */
 static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {
@@ -141,7 +141,8 @@ static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_r
   return now;
 }
 
-/* Return the point of the model at the first row, before its forces are evaluated. */
+/* Return state and inputs of the model at the first row. The other members of `point` are
+ * 0: effects_settle() evaluates them. */
 static point make_start_point(const tse_replay_start *s, const acting *first)
 {
   const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);

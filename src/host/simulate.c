@@ -136,7 +136,8 @@ static tse_real friction_now(const tse_sim *sim)
   return sim->last.road_friction > TSE_R(0) ? sim->last.road_friction : r_from_setting(sim->config.friction);
 }
 
-/* Return the point of the model at the state of the car, before its forces are evaluated.
+/* Return the current state and the inputs u of the model. The other members of `point`
+ * are 0: effects_at() evaluates them.
  *   Given:  steer  road-wheel angle [rad] */
 static point make_point(const tse_sim *sim, const tse_sim_input *u, tse_real steer)
 {
@@ -163,8 +164,8 @@ static void draw_two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, 
   random_normal2(u, v, a, b);
 }
 
-/* Draw the relative stiffness of the next interval: mean (1 + spread n) with n from
- * N(0, 1), at least a tenth of the mean. */
+/* Draw the relative stiffness from this row to the next row. It is mean (1 + spread n)
+ * with n from N(0, 1), but at least a tenth of the mean. */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
@@ -203,7 +204,8 @@ static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
-/* If the steering angle in `last` was changed after the last row, apply it at once. */
+/* If the caller has changed the steering angle in `last` after the last row, turn the
+ * wheels to the new angle within the time JUMP. */
 static void jump(tse_sim *sim)
 {
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
@@ -221,10 +223,13 @@ static void walk_biases(tse_sim *sim, tse_real dt)
   for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, sim->params.bias_sd_walk[a]), n[a]);
 }
 
-/* Integrate to the next row. Inputs are linear between rows, or held if hold_inputs is 1.
- * An estimator assumes that wheel speeds are linear between rows. Relative to this
- * assumption, held torques are shifted by half a row. An estimator without a model of this
- * shift estimates a longitudinal stiffness that is 2 % too small. */
+/* Integrate to the next row. The inputs of the driver are linear between rows or, if
+ * hold_inputs is 1, constant.
+ *
+ * A torque that is held between rows acts half a row later, on average, than a torque
+ * that is linear between rows. An estimator assumes that wheel speeds are linear between
+ * rows. If it does not model the delay of held torques, its longitudinal stiffness is 2 %
+ * too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
@@ -257,7 +262,7 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 /* Compute the readings of the sensors without noise and bias. At the first row the
  * effects start in steady state: slips have built up, and the wheels have reached the
  * steering angle.
- *   Returned:  *pt  point of the model at this row */
+ *   Returned:  *pt  state, inputs and forces of the model at this row */
 static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
 {
   const tse_params *const p = &sim->params;
@@ -313,8 +318,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Return whether the motion is within its limits, so that tse_sim_check() accepts it.
- * Return 0 if the motion has a NaN. */
+/* Return whether the motion is within its limits (LOST_SPEED ...), so that
+ * tse_sim_check() accepts it. A motion that contains a NaN is not within its limits. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
   int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED)

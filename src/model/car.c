@@ -7,20 +7,21 @@
 #define RADIUS_LOSS TSE_R(0.005) /* [1] share of the rolling radius that is lost under the static load: 8 % of
                                   * a deflection of 20 mm, divided by a radius of 0.32 m */
 
-/* Force of a tyre in one direction. */
+/* Longitudinal or lateral force of a tyre. Forces are divided by the mass of the car. */
 typedef struct tyre {
-  tse_real f;            /* force */
+  tse_real f;            /* [m/s2] force */
   tse_real by_slip;      /* derivative of f with respect to slip, or slip angle */
   tse_real by_stiffness; /* derivative of f with respect to ln(stiffness) */
   tse_real by_mu;        /* derivative of f with respect to ln(grip) */
-  tse_real secant;       /* force / slip */
-  tse_real endless;      /* force that a linear tyre would have */
+  tse_real secant;       /* secant stiffness: force / slip */
+  tse_real endless;      /* [m/s2] force of a linear tyre: stiffness times slip */
 } tyre;
 
-/* Return the force of a tyre and its derivatives.
- *   Given:  limit  max force
- *           slip   slip or slip angle
- *           shape  as in tyre_secant() */
+/* Return the longitudinal or lateral force of a tyre, and its derivatives.
+ *   Given:  stiffness  [m/s2] or [m/s2/rad]
+ *           limit      [m/s2] max force
+ *           slip       [1] slip, or [rad] slip angle
+ *           shape      [1] shape of the force curve, as in tyre_secant() */
 static tyre compute_tyre(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
 {
   const tse_real linear = r_mul(stiffness, slip);
@@ -37,9 +38,10 @@ typedef struct tyres {
 } tyres;
 
 /* Return all tyre forces at the state x. Longitudinal acceleration transfers load to the
- * rear axle. Slip stiffness and max force of an axle are proportional to its load, and
- * its cornering stiffness changes less. Lateral acceleration transfers load between the
- * wheels of an axle, which reduces the cornering stiffness. */
+ * rear axle. The slip stiffness and the max force of an axle are proportional to the load
+ * of the axle. The cornering stiffness of the axle changes by a smaller ratio than the
+ * load. Lateral acceleration transfers load between the wheels of an axle, which reduces
+ * the cornering stiffness of the axle. */
 static tyres compute_tyres(const tse_car *c, const tse_real x[TSE_VALUES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
@@ -74,9 +76,10 @@ void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[
 /* Compute the partial derivatives of the forces with respect to states and consider
  * parameters. Load transfer, steering compliance, and the influence of the grip on
  * longitudinal saturation are neglected.
- *   Given:    t       forces of the tyres at x
- *             ax, ay  force of the front axle, in the axes of the car
- *   Updated:  f       by_x, by_y and by_yaw are set; sin_d and cos_d are read */
+ *   Given:     t             forces of the tyres at x
+ *              ax, ay        force of the front axle, in the axes of the car
+ *              sin_d, cos_d  of f, with rate
+ *   Returned:  by_x, by_y, by_yaw of f */
 static void compute_force_slopes(
     const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
@@ -107,7 +110,7 @@ static void compute_force_slopes(
   static const int of_d[3] = { STEER_OFFSET, GAIN, LATE };
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate),
     -r_mul(TSE_R(1) + x[GAIN], f->rate) };
-  for (int i = 0; i < 3; i++) { /* the front force turns with the wheels */
+  for (int i = 0; i < 3; i++) { /* the direction of the front force depends on d */
     f->by_x[of_d[i]] = -r_mul(by_d[i], ay);
     f->by_y[of_d[i]] = r_mul(by_d[i], ax);
     f->by_yaw[of_d[i]] = r_mul(c->jf, r_mul(by_d[i], ax));
@@ -158,14 +161,15 @@ static kinematic compute_kinematic_angle(tse_real side, tse_real vx)
   return angle;
 }
 
-/* Return the roll acceleration phi''. */
+/* Return the roll acceleration phi'' [rad/s2] at the lateral specific force ay [m/s2]. */
 static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_real ay)
 {
   return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Return whether the motion of the car depends on the state or parameter with index j.
- * Biases and the error of the front wheel radius change only the readings of sensors. */
+/* Return whether the motion of the car depends on the state or consider parameter in
+ * column j. The motion does not depend on biases and on the error of the front wheel
+ * radius, because they change only the readings of sensors. */
 static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
 /* Add `more` to the derivative in column j of the row, if this build has column j. */
@@ -177,12 +181,13 @@ static void add_slope(tse_short *row, int j, tse_real more)
 /* Advance velocities and roll by a substep h. Advance their partial derivatives M by the
  * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
- * The forces f do not include the response of the slip angles to the change of the
- * velocities in this substep. The response until mid-step is added here: without it the
- * scheme would be of first order if the slip angles relax within a substep.
+ * The slip angles in the forces f follow from the velocities at the start of the substep.
+ * Until mid-step the slip angles also respond to the change of the velocities in this
+ * substep, and this response is added here. Without it the error of the scheme would be
+ * of first order whenever the relaxation of the slip angles is shorter than a substep.
  *   Given:    f       forces at mid-step
- *             follow  [s/m] share of the distance to the kinematic slip angles that is
- *                     covered in half a substep, divided by the speed
+ *             follow  [s/m] share by which the slip angles approach the kinematic slip
+ *                     angles in half a substep, divided by the speed
  *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])
@@ -245,15 +250,17 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   add_slope(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Advance the slip angles and their partial derivatives M by h. Velocities and roll have
- * their values at mid-step. A ramp of the steering angle is replaced by a constant angle
- * with the same effect: the angle at mid-step or, if the relaxation is short, the angle
- * up to 0.5 h later.
- *   Given:     side  lateral force of the front axle
- *              from  steering angle at the start, after its latency
- *              rate  rate of the steering angle
+/* Advance the slip angles and their partial derivatives M by h. Velocities and roll are
+ * constant, with their values at mid-step. The steering angle is a ramp. It is replaced
+ * by the constant angle that gives nearly the same slip angle at the end. This is the
+ * angle of the ramp at mid-step if the relaxation takes much longer than h. The faster
+ * the relaxation, the later on the ramp this angle lies, up to its end.
+ *   Given:     side  [m/s2] lateral force of the front axle
+ *              from  [rad] steering angle at the start of h, after its latency
+ *              rate  [rad/s] rate of the steering angle
  *   Updated:   x, M
- *   Returned:  [1] share of the distance to the kinematic slip angles that is covered */
+ *   Returned:  [1] share by which the slip angles have approached the kinematic slip
+ *              angles: 0 not at all, 1 completely */
 static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
     tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
@@ -295,10 +302,12 @@ static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_r
   return covered;
 }
 
-/* The method is Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506): the slip angles
- * advance by half a substep, then velocities and slip angles in turn by a substep, and at
- * the end the slip angles by half a substep. Each part uses the values of the other one
- * at mid-step, so that the error is of second order in the substep. */
+/* The method is Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506). At the start the
+ * slip angles advance by half a substep. Then velocities and slip angles advance
+ * alternately, by a whole substep each. The last step of the slip angles is again half a
+ * substep. The velocities advance with the slip angles at mid-step, and the slip angles
+ * with the velocities at mid-step. The error is therefore of second order in the
+ * substep. */
 void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, MAX_SUBSTEP));
