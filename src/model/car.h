@@ -1,20 +1,26 @@
 /* model/car.h - the model of the car in the default filter, with its partial derivatives.
  *
- * Each axle is one wheel. Kinematics are exact. The slip angle of each axle builds up
- * over the relaxation length. The slip of each axle is a state, so that wheel speeds are
- * measurements. Tyres have a stiffness at zero slip, and their force is limited by the
- * grip. The body rolls. The steering angle is the only input. Forces are divided by the
- * mass. Axes are those of ISO 8855. The slip of a driven axle is positive, and so is a
- * slip angle whose lateral force points to the left.
+ * Each axle is one wheel. Kinematics are exact, without small-angle approximations. The
+ * slip angle of each axle builds up over the relaxation length. The slip of each axle is
+ * a state, so that wheel speeds are measurements. A tyre force is proportional to small
+ * slips, and the grip limits it at large slips. The body rolls. The steering angle is the
+ * only input. Forces are divided by the mass of the car. Axes are those of ISO 8855. Slip
+ * is positive if the tyre drives the car forward. A slip angle is positive if its lateral
+ * force points to the left.
  *
  * The equations follow in the order of car.c. Names are those of the members of tse_car
- * (state.h) and of the states below. Other symbols:
+ * (state.h), and those of the states below in lower case. Other symbols:
  *   i              axle. Two signs, as in 1 -+ x, mean 1 - x for the front axle and
  *                  1 + x for the rear axle
  *   s, a           slip and slip angle of an axle
+ *   X_f, Y_f       longitudinal and lateral force of the front axle, in the axes of its
+ *                  wheels; X_r, Y_r the same of the rear axle
  *   d              road-wheel angle of the front axle
  *   c_x, c_i, c_mu ln(value / nominal value) of the longitudinal stiffness, of the
  *                  cornering stiffness of axle i, and of the grip
+ *   A, B           longitudinal and lateral acceleration that cause load transfer
+ *   g_x, g_y       components of gravity (GX, GY); b_x, b_y, b_r biases (BX, BY, BR)
+ *   w_f, w_r       [rad/s] wheel speeds; R_f, R_r rolling radii in the settings
  *
  *   Tyre        F = C s c(q), q = |C s|/limit; the same with the slip angle a for s
  *               c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model), interpolated by
@@ -22,8 +28,8 @@
  *   Loads       A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)
  *               limit_i = grip e^c_mu end_i (1 -+ height_i A)
  *               end_i = load_i/(1 +- balance)
- *               B is the lateral acceleration if the tyres lose the share
- *               (side_front + side_rear)/2 B^2 of their stiffness
+ *               B follows from the lateral acceleration B_0 without lateral load
+ *               transfer: B = B_0 (1 - (side_front + side_rear)/2 B^2)
  *   Stiffness   longitudinal  C = kx_i e^c_x (1 -+ height_i A)
  *               lateral       C = ky_i e^c_i (1 -+ along_i A) max(1 - side_i B^2, 0.1)
  *   Wheels      d = (1 + gain)(steer - late steer') + steer_offset - compliance Y_f
@@ -65,12 +71,13 @@
 
 /* The state x, in SI units: ROW(name, unit in the covariance, max magnitude). In these
  * units all numbers of the covariance have a similar magnitude, which suits every
- * number format. The motion comes first, because only its rows of the transition matrix
- * are not diagonal. */
+ * number format. The states of the motion come first. In the transition matrix only
+ * their rows have off-diagonal elements. */
 /* clang-format off */
-/* In TSE_SMALL, which has lateral motion only, KNOWN_ROWS are not states. They are
- * constants with the value of their prior. There are two exceptions: PHI follows the
- * lateral force without a lag, and SF and SR are computed from accel_x. */
+/* The build TSE_SMALL has lateral motion only. There the quantities of KNOWN_ROWS are not
+ * states but constants, with the mean of their prior as value. There are two exceptions:
+ * PHI is proportional to the lateral force, without a lag, and SF and SR are computed
+ * from accel_x. */
 #if defined(TSE_SMALL)
 #define NOT_SMALL(rows)
 #define KNOWN_ROWS(NAME) NAME(PHI) NAME(DPHI) NAME(SF) NAME(SR) NAME(GX) NAME(BX) NAME(LCX) NAME(RAD)
@@ -101,7 +108,8 @@
   NOT_SMALL(ROW(LATE, 0.01,  0.2)) /* [s] latency of the steering angle */ \
   NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] front wheel radius in the settings / true one - 1 */ \
   ROW(LEAN, 0.05,  0.9) /* [1] superelevation: share of v_x r that the bank of curves provides */
-/* Extra states, for measured velocities. They follow the others. */
+/* Extra states, which are needed only if velocities are measured. In the state they
+ * follow the states above. */
 #define EXTRA_ROWS(ROW) \
   ROW(PSI,           0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the lateral speed */ \
@@ -128,7 +136,8 @@ enum {
 };
 #endif
 
-/* Consider parameters: uncertain quantities that are not estimated.
+/* Consider parameters of the Schmidt-Kalman filter: uncertain quantities that are not
+ * estimated. Their uncertainty increases the variance of the estimates.
  *
  * The parameters before CONSIDER_SCALE belong to the car. In a matrix of partial
  * derivatives, the columns of these parameters follow the columns of the states. The
@@ -179,11 +188,10 @@ enum {
   STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF
 };
 
-/* Return the index of the state that holds a stiffness (a = TSE_CX_FRONT ..) or the grip
- * (a = 3). */
+/* Return the index, in the state, of the logarithm of stiffness a (a = TSE_CX_FRONT ..)
+ * or, if a is 3, of the grip. */
 static inline int stiffness_at(int a) { return a == 0 ? LCX : LCF + a - 1; }
-/* Return the index of the state that holds the bias of an IMU channel
- * (i = ACCEL_X ..). */
+/* Return the index, in the state, of the bias of IMU channel i (i = ACCEL_X ..). */
 static inline int bias_at(int i) { return i == 0 ? BX : BY + i - 1; }
 
 /* Sensors: indices in every array of TSE_SENSORS elements. The IMU comes first. */
@@ -215,7 +223,7 @@ typedef struct forces {
 
 /* Compute the forces at the state x.
  *   Given:  u      steering angle during the row
- *           share  time since the start of the row / duration of the row, 0 .. 1
+ *           share  time within the row: 0 at its start, 1 at its end
  *   Cost:   O(1) */
 void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f);
 
@@ -244,15 +252,16 @@ void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, 
     tse_real by[3][PLACES]);
 
 /* Advance the pitch by dt, at the longitudinal acceleration ax.
- *   Updated:   pitch  acceleration after the second-order lag of the pitch, and its rate
+ *   Updated:   pitch[0]  [m/s2] ax after a second-order lag, proportional to the pitch angle
+ *              pitch[1]  [m/s3] rate of pitch[0]
  *   Returned:  [m/s2] part of accel_x that is due to pitch */
 tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
 
 /* Predict the measurements at the state x.
  *   Given:     f      car_forces() at x, at the end of the row
- *              pitch  from car_pitch(), or 0
- *   Returned:  z[TSE_SENSORS]          accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel
- *                                      speeds front, rear times radius [m/s]
+ *              pitch  [m/s2] part of accel_x due to pitch, from car_pitch(), or 0
+ *   Returned:  z[TSE_SENSORS]          accel_x, accel_y [m/s2]; yaw_rate [rad/s]; wheel
+ *                                      speed times radius, front and rear [m/s]
  *              H[TSE_SENSORS][PLACES]  partial derivatives of z */
 void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES]);

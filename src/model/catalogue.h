@@ -48,14 +48,15 @@ static inline tse_real steering_lag_input(
   return m->steered_by[2];
 }
 
-/* exact_kinematics: equations (1) to (4) without small-angle approximations. In its own
- * axes the front wheel has the velocity
+/* exact_kinematics: the equations of vehicle.h, (1) to (4), without small-angle
+ * approximations. In its own axes the front wheel has the velocity
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
  * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is 1 m/s (LOW_SPEED).
  * Its slip angle is atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The
- * front forces are turned by d. share = 0 is the plain model, 1 the exact one. A share
- * between 0 and 1 interpolates linearly between the two, because tests of this effect
- * need the derivative with respect to share at 0. */
+ * front forces are turned by d. With share = 0 the model has the small-angle
+ * approximations, with share = 1 it is exact. A share between 0 and 1 interpolates
+ * linearly between these two models, because tests of this effect need the derivative
+ * with respect to share at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -104,8 +105,8 @@ static inline void rear_roll_steer_remember(
 }
 
 /* relaxation: the slip angle a of a tyre follows the kinematic slip angle alpha over a
- * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m. a
- * is a LAG state, which integrator.c integrates. */
+ * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m.
+ * integrator.c integrates a together with the motion, as a LAG state (effects.h). */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
@@ -231,10 +232,12 @@ static inline void bank_body(point *pt)
       - gravity_along(e->bank_angle + pt->g.bank);
 }
 
-/* crosswind: the wind adds the lateral force c w sqrt(vx^2 + w^2) cos(psi). psi is the
- * setting crosswind_heading plus the change of heading since the start. The force acts
- * `arm` in front of the centre of gravity. Typical: wind speed w = 3 .. 10 m/s,
- * coefficient c = 2.8 kg/m, arm = 0.45 m. */
+/* crosswind: a wind of constant speed w and direction adds the lateral force c w
+ * sqrt(vx^2 + w^2) cos(psi). psi is the heading of the car relative to the heading at
+ * which the wind pushes it straight to the left. It is the setting crosswind_heading at
+ * the start, and changes with the heading of the car. The force acts at the distance
+ * `arm` in front of the centre of gravity. Typical: w = 3 .. 10 m/s, coefficient c = 2.8
+ * kg/m, arm = 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;

@@ -4,8 +4,8 @@
  * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. A hook is
  * a place in this file where such functions are called. The table of effects gives the
  * hook of each effect. A LAG state is a slip or slip angle that follows its kinematic
- * value with a first-order lag. With all effects off, every sum and product equals that
- * of vehicle.h, bit for bit. With TSE_NO_EFFECTS, this file has nothing but
+ * value with a first-order lag. With all effects off, the results equal the results of
+ * vehicle.h bit for bit. In a build with TSE_NO_EFFECTS, this file contains only
  * effect_is_on(). */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
@@ -16,8 +16,8 @@ static inline int effect_is_on(const tse_effects *e, int effect) { return (int)(
 
 #if !defined(TSE_NO_EFFECTS)
 
-/* Additional inputs of a log row: angles of the road, and disturbances at the places
- * where effects act. */
+/* Additional inputs of a log row: angles of the road, and disturbances that are added to
+ * slip angles, forces and yaw acceleration. */
 typedef struct given {
   tse_real grade, bank;           /* [rad] added to the settings grade_angle and bank_angle */
   tse_real slip_front, slip_rear; /* [rad] added to the slip angles */
@@ -49,7 +49,7 @@ typedef struct point {
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
   inputs u;                   /* its steering angle is the result of the INPUT effects */
-  tse_real ahead;             /* [s] time of this point minus that of the memory */
+  tse_real ahead;             /* [s] time from the memory to this point */
   given g;
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
@@ -121,8 +121,9 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(INPUT_ON) calls every active effect of the hook INPUT, in the order of
- * the table of effects. The macros of the other hooks do the same for their effects. */
+/* The macro EFFECTS_INPUT(INPUT_ON) calls the function of every active effect of hook
+ * INPUT, in the order of the table of effects. Each other hook has such a pair of macros,
+ * for example EFFECTS_SLIP(SLIP_ON). */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))
@@ -145,7 +146,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state. A length of 1 um would exceed it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; relaxation lengths below speed / 1e6 reach it */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
@@ -247,7 +248,8 @@ static inline void effects_forces(point *pt)
   if (formula_is_on(e)) formula_body(pt);
 }
 
-/* Update the memory of the effects after a step of h seconds from point a to point b. */
+/* Update the memory of the effects after a step of h seconds, from point a at the start
+ * of the step to point b at its end. */
 static inline void effects_remember(
     const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
 {

@@ -3,8 +3,9 @@
  * numbers of type tse_setting. */
 
 /* mass: the mass is m (1 + change). Yaw inertia, and stiffness in N and N/rad, are
- * unchanged. Typical change 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are
- * estimated, only the ratio of mass to yaw inertia is observable. */
+ * unchanged. Typical change 0.1 .. 0.2: passengers, load, fuel. The motion depends only
+ * on the ratios of stiffness to mass and of mass to yaw inertia. If all stiffnesses are
+ * estimated, only the ratio of mass to yaw inertia is therefore observable. */
 static inline void mass_constant(tse_config *c) { c->mass += r_mul(c->mass, c->mass_change); }
 
 /* yaw_inertia: the yaw inertia is I (1 + change). Typical change 0.1 .. 0.2. Only the

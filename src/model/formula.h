@@ -5,9 +5,11 @@
  * from tse_formula.h, which tselab writes. Both ways call the functions below in the same
  * order and give the same bits.
  *
- * The memory holds the state at the start of a step, and a point is `ahead` seconds
- * later. Operations with memory therefore extrapolate, and formula_remember() stores
- * their result after the step. Like catalogue.h, this file includes nothing. */
+ * Operations with memory, for example a lag, store their state at the start of each step.
+ * A point is `ahead` seconds later. There the operations compute their result from the
+ * stored state, and formula_remember() stores the new state after the step. Like
+ * catalogue.h, this file has no #include: effects.h includes it after its
+ * declarations. */
 
 #define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; a larger value and NaN become 0 */
 
@@ -66,7 +68,8 @@ static inline tse_real formula_soft(tse_real x) { return r_div(x, r_sqrt(TSE_R(1
 
 /* ---- functions with memory
  *
- * Each of them has its own three numbers, f->pt->m->formula[f->used]. */
+ * Each occurrence of such a function in a formula stores three numbers from step to step,
+ * in f->pt->m->formula[f->used]. */
 
 /* Store the numbers a, b, c for the next step, if f->next is not NULL.   Returned: a */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
@@ -81,7 +84,8 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
   return a;
 }
 
-/* Return y of T y' = x - y, by the trapezoidal rule. If T is below half a step, y = x.
+/* Return x after a first-order lag: y of T y' = x - y, integrated by the trapezoidal
+ * rule. If T is less than half a step, y = x.
  *   Given:  time  T [s] */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {
@@ -138,14 +142,15 @@ static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
   return formula_remembers(f, f->rest ? x : formula_clamp(was, x - wide, x + wide), TSE_R(0), TSE_R(0));
 }
 
-/* Return x with its rate of change limited to `rate` [1/s]. */
+/* Return x with its rate of change limited to +-rate, in units of x per second. */
 static inline tse_real formula_limit(formula_run *f, tse_real x, tse_real rate)
 {
   const tse_real max = r_mul(r_abs(rate), f->pt->ahead), was = f->pt->m->formula[f->used][0];
   return formula_remembers(f, f->rest ? x : formula_clamp(x, was - max, was + max), TSE_R(0), TSE_R(0));
 }
 
-/* Return the rate of change of x [1/s], as a difference quotient over the step. */
+/* Return the rate of change of x, in units of x per second: the difference quotient of x
+ * over the step. */
 static inline tse_real formula_rate(formula_run *f, tse_real x)
 {
   const tse_real *const was = f->pt->m->formula[f->used];

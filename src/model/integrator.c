@@ -7,15 +7,17 @@
  * from LAGS on. */
 enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
-/* Return the torque of the brake of axle a, in the unit of wheels.brake [m/s2].
- *   Given:  v  R omega of its wheels */
+/* Return the brake torque of axle a times R/J [m/s2], as in wheels.brake.
+ *   Given:  v  [m/s] R omega of the wheels of the axle */
 static tse_real compute_brake_torque(const wheels *w, int a, tse_real v)
 {
   return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
 }
 
-/* If secant is 0, return the derivative of compute_brake_torque() with respect to v. This
- * is 0 if the brake has its full torque. If secant is 1, return torque / v, never 0. */
+/* Return the slope of the brake torque over the wheel speed v.
+ *   Given:  secant  0: the result is the derivative of compute_brake_torque() with respect
+ *                   to v, which is 0 if the brake has its full torque
+ *                   1: the result is torque / v */
 static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int secant)
 {
   if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
@@ -38,19 +40,20 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* Factors of the matrix 1 - g h J of ROS2 (vehicle.h). J has the stiff part of the
- * Jacobian: rows and columns of vx with both wheels, and the block (vy, r). A saturated
- * tyre enters by its secant stiffness, which overestimates its damping. The LAG states a,
- * with a' = rate (alpha - a), are eliminated: if alpha changes, a changes by the share
- * b = gh rate/(1 + gh rate) of this change. The damping of the tyre is therefore
- * multiplied by b. */
+/* Factors of the matrix 1 - g h J of the integration method ROS2 (vehicle.h). gh is g h.
+ * J contains only the stiff part of the Jacobian: the block of vx and both wheel speeds,
+ * and the block of vy and r. The damping by a saturated tyre is computed with its secant
+ * stiffness, which overestimates the damping. The LAG states a, with a' = rate (alpha -
+ * a), are eliminated: if alpha changes, a changes by the share b = gh rate/(1 + gh rate)
+ * of this change. The damping by the tyre is therefore multiplied by b. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
   tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
   tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if the wheel speed is an input */
   lateral_block side;
-  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness / mass */
+  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness /
+   * mass */
   tse_real slow[4], b[4], force[4];
   int lags; /* 1: there are LAG states */
 } solver;
@@ -86,7 +89,7 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    /* the wheel speed changes with vx, which reduces the damping of vx */
+    /* if vx changes, the wheel speed follows; this reduces the damping of vx */
     const tse_real held = TSE_R(1) + r_mul(gh, compute_brake_slope(w, a, v[a], secant));
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));

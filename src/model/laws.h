@@ -110,7 +110,8 @@ static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real c
   return t;
 }
 
-/* Return the speed in the denominator of slip and slip angles. */
+/* Return the speed in the denominator of slip and slip angles: |along|, at least
+ * LOW_SPEED. */
 static inline tse_real rolling_speed(tse_real along) { return r_max(r_abs(along), LOW_SPEED); }
 
 /* Return the slip angle of a wheel from its lateral and longitudinal speed in its
@@ -154,8 +155,8 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* Limit an acceleration that linear tyres would produce. Load transfer is computed from
- * the result. */
+/* Limit an acceleration to +-MAX_PULL. It is the acceleration that linear tyres would
+ * produce, and load transfer is computed from the result. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
 /* Return a^2, the square of the lateral acceleration a if the tyres lose the share k a^2
@@ -178,8 +179,8 @@ static inline tse_real compute_side_share(tse_real k, tse_real square)
 }
 
 /* Return the ratio of the load (or stiffness) of an axle with longitudinal load transfer
- * to its load (or stiffness) without load transfer.
- *   Given:  more  relative increase before the limit */
+ * to its load (or stiffness) without load transfer: 1 + more, at least MIN_SHARE_LEFT.
+ *   Given:  more  relative increase of the load (or stiffness), negative for a decrease */
 static inline tse_real compute_load_share(tse_real more) { return r_max(TSE_R(1) + more, MIN_SHARE_LEFT); }
 
 /* ---- body and sensors */
@@ -204,9 +205,9 @@ static inline tse_real gravity_along(tse_real angle)
 
 /* Return the part of accel_x that is due to pitch: a component of gravity, minus the
  * acceleration of the IMU about the pitch axis.
- *   Given:  pitch[2]  longitudinal acceleration after the second-order lag of the pitch,
- *                     and its rate
- *           ax        longitudinal acceleration */
+ *   Given:  pitch[2]  [m/s2] longitudinal acceleration after the second-order lag of the
+ *                     pitch; [m/s3] its rate
+ *           ax        [m/s2] longitudinal acceleration */
 static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
 {
   const tse_real swing = compute_mode_swing(
@@ -215,8 +216,8 @@ static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse
 }
 
 /* Return the specific force at the point (lx, ly) of a body.
- *   Given:  x, y    specific force at the centre of gravity
- *           r, yaw  yaw rate and yaw acceleration */
+ *   Given:  x, y    [m/s2] specific force at the centre of gravity
+ *           r, yaw  [rad/s] yaw rate; [rad/s2] yaw acceleration */
 static inline planar compute_force_at(
     tse_real x, tse_real y, tse_real lx, tse_real ly, tse_real r, tse_real yaw)
 {

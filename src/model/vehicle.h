@@ -1,9 +1,10 @@
-/* model/vehicle.h - the single-track model, equations (1) to (4), and functions that all
- * its integrators use.
+/* model/vehicle.h - the single-track model of the paper, and functions that all its
+ * integrators use. Numbers in parentheses, (1) to (4) and (7), are equations of the paper
+ * (src/EQUATIONS.md).
  *
  * The functions are inline and have no branches, so that loops over particles (paper/)
- * vectorise. Forces are divided by the mass. Axes are those of ISO 8855. The slip of a
- * driven axle is positive. */
+ * vectorise. Forces are divided by the mass of the car. Axes are those of ISO 8855. Slip
+ * is positive if the tyre drives the car forward. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -79,8 +80,9 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* Matrix 1 - g h J of ROS2 for the states (vy, r), and 1/determinant. J is the Jacobian
- * of the damping of these states by the tyres, and h the step. */
+/* Matrix 1 - g h J of the integration method ROS2 (below) for the states (vy, r), and
+ * 1/determinant. J is the part of the Jacobian that describes the damping of these states
+ * by the tyres, and h the step. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
@@ -123,9 +125,9 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
 
 /* Limits of the motion. They keep a particle finite if its motion becomes NaN, or if the
  * motion diverges because a wheel speed jumps or the stiffness of the particle is
- * extreme. A magnitude below MIN_MOTION is set to 0: over minutes of straight driving it
- * would decay to denormal numbers. Denormal numbers are slow, and some machines replace
- * them by 0. */
+ * extreme. A magnitude below MIN_MOTION is set to 0. Otherwise lateral speed and yaw rate
+ * would decay to denormal numbers within minutes of straight driving. Computing with
+ * denormal numbers is slow, and some machines replace them by 0. */
 #define MAX_SPEED TSE_R(200)    /* [m/s] */
 #define MAX_YAW_RATE TSE_R(20)  /* [rad/s] */
 #define MIN_MOTION TSE_R(1e-12) /* [m/s], [rad/s] */
@@ -140,11 +142,12 @@ static inline tse_real vehicle_limit(tse_real v, tse_real max)
 /* Return the number of integration steps of a row of dt seconds. It is the same
  * for all particles.
  *
- * A step is at most max_step. The fastest rate of the car is that of the damping by the
- * tyres, which is proportional to 1/speed. Step times this rate is at most 1/4: at
- * walking pace, a row in a single step would bias the longitudinal stiffness by 3 %. A
- * speed below hold_speed counts as hold_speed, because no stiffness is updated below
- * hold_speed. A step is at least an eighth of max_step. */
+ * A step is at most max_step. The fastest rate of the car is the rate at which the tyres
+ * damp its motion, which is proportional to 1/speed. A step is at most 1/4 of the
+ * reciprocal of this rate, because at walking pace a single step for each row would bias
+ * the longitudinal stiffness by 3 %. A speed below hold_speed counts as hold_speed,
+ * because no stiffness is updated below hold_speed. A step is at least an eighth of
+ * max_step. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(
