@@ -18,7 +18,7 @@
 #include "tse/simulate.h"
 #endif
 
-#define TSE_DELAY_ROWS 12 /* max samples of a delay line; beyond a delay of 9 rows, some rows are left out */
+#define TSE_DELAY_ROWS 12 /* max samples of a delay line; for delays above 9 rows, some rows are not stored */
 
 /* Ages of the samples of a delay line, newest first. */
 typedef struct tse_delay {
@@ -26,14 +26,14 @@ typedef struct tse_delay {
   tse_real age[TSE_DELAY_ROWS]; /* [s] */
 } tse_delay;
 
-/* Memory of the effects: values that they keep from step to step. */
+/* Memory of the effects: the numbers that the effects keep from step to step. */
 typedef struct tse_effect_memory {
   int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
-  tse_real lag[4];        /* after relaxation: slip angles front, rear [rad], slips front, rear [1] */
-  tse_real mode[3][2];    /* lags of body roll, pitch, roll steer: lagged acceleration, and its rate */
+  tse_real lag[4];        /* slips after relaxation: slip angles front, rear [rad]; slips front, rear [1] */
+  tse_real mode[3][2];    /* second-order lags of roll, pitch, roll steer: output [m/s2], its rate */
   tse_real time, heading; /* [s] time since the start; [turns] change of heading since the start */
-  int32_t steered;        /* 0: there has been no steering angle */
+  int32_t steered;        /* 0: there has been no row with a steering angle */
   tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
   tse_delay steer, imu;
@@ -50,22 +50,24 @@ typedef struct tse_effect_memory {
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-/* State of the particles, as arrays [component][particle]. gamma and nu of equations (16)
- * and (17), and the covariance of the biases, are the same for all particles. They are
- * therefore members of tse_filter_paper. The resampler copies the struct as one array. */
+/* State of the particles of the particle filter, as arrays [component][particle]. gamma
+ * and nu of the equations (16) and (17) of the paper, and the covariance of the biases,
+ * are the same for all particles. They are therefore members of tse_filter_paper. The
+ * resampler copies the struct as one array. */
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
   tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
   tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33 */
   tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the bias of each sensor, in sds of the sensor */
-  tse_real w[3][TSE_STRIDE];    /* [1] stiffness/nominal - 1 that is drawn for the next interval */
+  tse_real w[3][TSE_STRIDE];    /* [1] stiffness/nominal - 1, drawn for the time to the next row */
   tse_real logw[1][TSE_STRIDE]; /* [log2] log weight, relative to the largest one */
 } tse_particles;
 
 #define TSE_SENSORS 5 /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
 /* Sizes of the default filter.
  *   TSE_STATES         states (src/model/car.h)
- *   TSE_SLOW           slow states, which are the last ones: gravity and random walks
+ *   TSE_SLOW           slow states, at the end of the state: gravity components, and states
+ *                      that are random walks
  *   TSE_SUBSTEPS       max substeps of a row
  *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters: uncertain, and not
  *                      estimated (Schmidt-Kalman filter)
@@ -98,7 +100,8 @@ typedef struct tse_particles {
 #endif
 /* Sizes for measured velocities (src/filter/velocity.c). A build with TSE_NO_VELOCITY
  * saves 1.9 kB of RAM in float, and refuses rows with a velocity.
- *   TSE_EXTRAS  states that follow the others and are in use once a velocity is measured
+ *   TSE_EXTRAS  extra states: they follow the other states, and are in use from the first
+ *               measured velocity on
  *   TSE_PAST    rows of past motion that are stored for velocities with a latency */
 #if defined(TSE_NO_VELOCITY)
 #define TSE_EXTRAS 1
@@ -116,37 +119,39 @@ typedef struct tse_car {
   tse_real ky_front, ky_rear;                  /* [m/s2/rad] nominal cornering stiffness */
   tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
   tse_real end_front, end_rear;                /* [m/s2] max force of each axle / friction coefficient */
-  /* relative change of the cornering stiffness of an axle
-   *   along  [s2/m] loss in front and gain in the rear / longitudinal acceleration
-   *   side   [s4/m2] loss / squared lateral acceleration */
+  /* relative change of the cornering stiffness of an axle by load transfer
+   *   along  [s2/m] decrease in front, increase in the rear, per longitudinal acceleration
+   *   side   [s4/m2] decrease per squared lateral acceleration */
   tse_real along_front, along_rear, side_front, side_rear;
-  tse_real height_front, height_rear; /* [s2/m] relative change of load / longitudinal acceleration */
+  tse_real height_front, height_rear; /* [s2/m] relative change of axle load per longitudinal acceleration */
   tse_real lf, lr;                    /* [m] distances of the axles from the centre of gravity */
   tse_real jf, jr, m_inertia;         /* [1/m] m lf/I, m lr/I; [1/m2] m/I */
   tse_real trail;                     /* [1/m] m/I times the trail of the lateral forces */
   tse_real drag, rolling;             /* [1/m] drag / squared speed; [m/s2] rolling resistance */
   tse_real pull_front, pull_rear;     /* [m/s2] lateral force of each axle at zero slip angle */
   tse_real relaxation;                /* [m] relaxation length of the slip angles */
-  tse_real compliance;             /* [rad s2/m] loss of steering angle / lateral force of the front axle */
-  tse_real roll_steer;             /* [1] rear steering angle / roll angle */
-  tse_real roll_coupling;          /* [m] setting body_roll_coupling */
-  tse_real roll_gain, roll_omega;  /* [rad s2/m] roll angle / acceleration; [rad/s] natural frequency */
-  tse_real roll_damping;           /* [1] damping ratio of the roll */
-  tse_real roll_leak, roll_height; /* [m/s2] gravity in accel_y / roll angle; [m] setting body_roll_height */
-  tse_real pitch_leak;             /* [1] gravitational acceleration times setting pitch_leak_gain */
-  tse_real pitch_height;           /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
-  tse_real pitch_frequency;        /* [Hz] natural frequency of the pitch */
-  tse_real pitch_damping;          /* [1] damping ratio of the pitch */
-  tse_real lever_x, lever_y;       /* [m] position of the IMU */
-  tse_real mount_cos, mount_sin;   /* [1] cosine and sine of the mounting angle of the IMU */
+  tse_real compliance;                /* [rad s2/m] decrease of road-wheel angle per front lateral force */
+  tse_real roll_steer;                /* [1] rear steering angle / roll angle */
+  tse_real roll_coupling;             /* [m] setting body_roll_coupling */
+  tse_real roll_gain, roll_omega;     /* [rad s2/m] roll angle per a_y; [rad/s] natural frequency of roll */
+  tse_real roll_damping;              /* [1] damping ratio of the roll */
+  tse_real roll_leak, roll_height;    /* [m/s2] gravity in accel_y per roll angle; [m] body_roll_height */
+  tse_real pitch_leak;                /* [1] gravitational acceleration times setting pitch_leak_gain */
+  tse_real pitch_height;              /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
+  tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
+  tse_real pitch_damping;             /* [1] damping ratio of the pitch */
+  tse_real lever_x, lever_y;          /* [m] position of the IMU */
+  tse_real mount_cos, mount_sin;      /* [1] cosine and sine of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
-  tse_real free_front, free_rear;     /* [1] -1 times the slip of each axle when it rolls freely */
+  tse_real free_front, free_rear;     /* [1] minus the slip of each axle if it rolls freely */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 
-/* Constants of a filter, computed by tse_prepare(). Forces are divided by the mass, and
- * measurements of form 1 by the sd of the sensor (unit [sigma]), so that all numbers have
- * a moderate size in every number format. Forms: 0 default filter, 1 paper's filter. */
+/* Constants of a filter, computed by tse_prepare() from the settings. The member `form`
+ * is 0 in the default filter, a Kalman filter, and 1 in the paper's particle filter.
+ * Forces are divided by the mass of the car. The particle filter also divides
+ * measurements by the sd of their sensor (unit [sigma]). All numbers then have a moderate
+ * size, which suits every number format. */
 struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle; /* hash of the vehicle settings, the same in every number format */
@@ -165,54 +170,55 @@ struct tse_params {
   tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
-  tse_real damping;                            /* [m/s2] 4 times speed times the fastest damping rate */
-  tse_real least_step;                         /* [s] min integration step (vehicle_steps()) */
-  tse_real noise_max_var;                      /* [1] square of noise_max */
-  tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, per sample_time */
-  tse_real log2_forgetting_mean;               /* log2(lambda) of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, and its min */
-  tse_real memory;                             /* [samples] memory of Lambda, 1/(1 - lambda) */
-  tse_real resample_at;                        /* [particles] N_eff at which particles are resampled */
-  /* form 1: initial mu, lam, gamma, nu; initial variance of a stiffness */
+  tse_real damping;              /* [m/s2] 4 times speed times fastest damping rate of the motion */
+  tse_real least_step;           /* [s] min integration step (vehicle_steps()) */
+  tse_real noise_max_var;        /* [1] square of noise_max */
+  tse_real log2_forgetting;      /* log2 of the forgetting factor of Lambda and nu */
+  tse_real log2_forgetting_mean; /* log2 of the forgetting factor of gamma */
+  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; its min after a change */
+  tse_real memory;                             /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
+  tse_real resample_at; /* [particles] N_eff at or below which particles are resampled */
+  /* particle filter: initial mu, lam, gamma, nu; initial variance of a stiffness */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
-  tse_real mean_var0;      /* [1] initial variance of the mean */
+  tse_real mean_var0;      /* [1] initial variance of a mean stiffness */
   tse_real spread_max_var; /* [1] square of spread_max */
-  tse_real kernel;         /* [log2] sd of the random factor on Lambda at resampling */
+  tse_real kernel;         /* [log2] sd of the random factor of Lambda in each resampling */
   tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
-  tse_real latency_age[6]; /* [s] time before the newest row at which each channel is read */
+  tse_real latency_age[6]; /* [s] age of the value of each channel that a step uses */
   tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
   tse_real learnt_walk;    /* [1/day] growth of this variance */
   /* limits of w = stiffness/nominal - 1: initial values are limited to w_min .. w_max. A
    * drawn w is reflected at w_low, and limited to w_max */
   tse_real w_min, w_low, w_max;
   tse_real valid_var;                               /* [1] square of setting valid_sd */
-  tse_car car;                                      /* form 1 uses stiffness and geometry only */
-  tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* form 0: prior of the state */
+  tse_car car;                                      /* the particle filter uses only stiffness and geometry */
+  tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* default filter: prior mean and sd of the state */
   tse_real sensor_sd[TSE_SENSORS];                  /* [m/s2] [m/s2] [rad/s] [m/s] [m/s] sd of each sensor */
   tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sd of each consider parameter */
   tse_real model_sd;                                /* [1] setting model_sd */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] time constants of both steering lags */
   tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] sd of each velocity */
-  tse_real velocity_late;               /* [s] latency of velocities relative to the processed row */
-  tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the extra states */
+  tse_real velocity_late;               /* [s] time by which velocities precede the processed row */
+  tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior mean and sd of the extra states */
   tse_real no_torque;                               /* [Nm] an axle with a smaller |torque| rolls freely */
   tse_real road_sd;                                 /* [m/s2] sd of gravity along a given road */
-  tse_effects effects;                              /* with mask 0 the model is the plain one */
+  tse_effects effects;                              /* mask 0: model without effects */
 };
 
-/* Initial estimate from tse_learnt_load(). If loaded is 0, the settings are used. */
+/* Initial estimate from tse_learnt_load(). If `loaded` is 0, the filter starts from the
+ * settings instead. */
 typedef struct tse_start {
   int32_t loaded;
-  tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); sd of this mean among the particles */
+  tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); spread of this mean over the particles */
   tse_real mean_var[3];     /* [1] total variance of this mean */
   tse_real lam[6], gamma, nu;
-  tse_real bias[3], bias_var[3];         /* form 1: mean of each bias [sigma], and its variance [sigma^2] */
-  tse_real kept[TSE_KEPT];               /* form 0: saved states, SI units */
-  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: their covariance, in units of the state */
+  tse_real bias[3], bias_var[3];         /* particle filter: mean of each bias [sigma]; variance */
+  tse_real kept[TSE_KEPT];               /* default filter: saved states, SI units */
+  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* default filter: their covariance, in units of the state */
   tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
 } tse_start;
 
@@ -240,25 +246,25 @@ typedef struct tse_velocity {
   tse_real last[TSE_VELOCITIES];         /* [m/s, rad] last measured value */
   tse_real since[TSE_VELOCITIES];        /* [s] age of the last measured value */
   tse_real mean_nis[TSE_VELOCITIES];     /* [1] mean of recent normalised squared innovations */
-  tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the channel has been ignored */
-  tse_real past[TSE_PAST][4]; /* past minus current vel_x, vel_y, yaw rate, heading; newest first */
+  tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the values of the channel have been rejected */
+  tse_real past[TSE_PAST][4]; /* past minus present vel_x, vel_y, yaw rate, heading; newest first */
   tse_real age[TSE_PAST];     /* [s] ages of the rows in past */
-  tse_real gyro;              /* [rad/s] gyro reading minus bias at the last row */
+  tse_real gyro;              /* [rad/s] rate of the heading at the last row */
   tse_real turned;            /* [rad] change of heading since the last row */
   tse_real motion[3];         /* vel_x, vel_y [m/s] and yaw rate [rad/s] at the last row */
-  tse_real activity;          /* [m2/s2] recent mean square of the lateral slip speed of the axles */
+  tse_real activity;          /* [m2/s2] recent mean square of the lateral speed of the rear axle */
   int32_t kept;               /* number of rows in past */
   int32_t has_heading;        /* 1: the heading has been initialised */
-  int32_t has_gyro;           /* 1: gyro was measured; 0: it is the yaw rate of the state */
+  int32_t has_gyro;           /* 1: `gyro` is the reading minus its bias; 0: the yaw rate of the state */
 } tse_velocity;
 
-/* A hypothetical event. If it has happened, it has caused an error of the state that is v
- * times the amplitude of the event. */
+/* A hypothetical event, for example a change of the road. If the event has happened, the
+ * state has an error: the vector v times the amplitude of the event. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
   tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
   tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] cross information with the second amplitude of the event */
+  tse_real both;        /* [1] cross information of this amplitude and the second one of the event */
   tse_real age;         /* [s] time since the hypothesis was opened */
   int32_t kind;         /* EVENT_... of src/filter/filter.h; 0: free slot */
 } tse_event;
@@ -270,9 +276,9 @@ typedef struct tse_pair {
   tse_real mean[2], var[2], both;
 } tse_pair;
 
-/* Sums of a regression that estimates the delay of a second channel relative to a first
- * one as late / square. Older samples are forgotten with the time constant SCALE_TIME
- * (src/filter/plausible.c). */
+/* Sums of a regression that estimates the delay [s] of a second channel relative to a
+ * first channel. The estimate is late / square. Older samples are forgotten with the time
+ * constant SCALE_TIME (src/filter/plausible.c). */
 typedef struct tse_timing {
   tse_real square; /* [m2/s5] time integral of the squared rate of the first channel */
   tse_real late;   /* [m2/s4] `square` times the delay of the second channel */
@@ -287,20 +293,21 @@ typedef struct tse_agreement {
   /* [m2/s3] time integrals: [0] of the square of v r, and of v r accel_y; [1] of the
    * square of accel_x, and of accel_x times the rate of the wheel speed */
   tse_real moved[2][2];
-  tse_timing across, steered; /* delay of accel_y behind v r; delay of yaw_rate behind steering */
-  tse_real lags;         /* [m2/s4] like tse_timing.late, for the delay of accel_y that side slip causes */
-  tse_real complete_for; /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
+  tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
+  tse_real lags;              /* [m2/s4] as tse_timing.late, for the part of the delay due to sideslip */
+  tse_real complete_for;      /* [s] time since the last row without accel_y, yaw_rate or steer_angle */
   int32_t apart;     /* bit i: the quantities of pair i disagree, see is_apart(); next bits: LATE_ACCEL .. */
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of ln(longitudinal stiffness) at the last start or event. The state LCX also
- * includes the error of the longitudinal model. This prior does not. */
+/* Prior of ln(longitudinal stiffness) at the last start or event. Its variance is that of
+ * the stiffness alone. The variance of the state LCX also includes the error of the
+ * longitudinal model. */
 typedef struct tse_along {
-  tse_real mean, var; /* the mean is the value of LCX at that time */
+  tse_real mean, var; /* mean: the value of LCX at the last start or event */
 } tse_along;
 
-/* Default filter: Kalman filter of the car (form 0). */
+/* State of the default filter, a Kalman filter of the car. */
 typedef struct tse_kalman {
   tse_real x[TSE_VALUES + TSE_EXTRAS]; /* state, SI units */
   tse_ud ud;                           /* its covariance, in units of the state */
@@ -311,8 +318,8 @@ typedef struct tse_kalman {
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
   tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
-  tse_real road[2];              /* [m/s2] longitudinal and lateral gravity on the given road; 0: not given */
-  tse_real since_slow[TSE_SLOW]; /* [s] time since the last process noise of each slow state */
+  tse_real road[2];              /* [m/s2] gravity components g_x, g_y from a given road; 0: not given */
+  tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
   /* variance of the linearisation error due to recent steps of each stiffness, in squared
    * units of the state */
   tse_real moved[3];
@@ -326,14 +333,15 @@ typedef struct tse_kalman {
   tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
   tse_real usual[TSE_SENSORS];    /* [1] mean of (squared slow innovation / slow_var) */
   tse_real log_likelihood;
-  tse_real change_age;                     /* [s] time since the last change */
-  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
-  tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
-  tse_along along, along_from;             /* prior of ln(slip stiffness): now, and before the last change */
-  tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
-  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
-  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among readings that follow a repeated one */
-  /* [1] -log2 of the probability that a working channel repeats values so often */
+  tse_real change_age;               /* [s] time since the last change (change_kind) */
+  tse_real change_from[4];           /* [1] logarithms of stiffness and grip before the last change */
+  tse_real change_from_var[4];       /* variances of these logarithms, in squared units of the state */
+  tse_along along, along_from;       /* prior of ln(slip stiffness): now, and before the last change */
+  tse_real reading[TSE_SENSORS + 1]; /* last readings of the sensors and of the steering angle */
+  tse_real repeats[TSE_SENSORS + 1]; /* [1] share of the readings that equal the previous reading */
+  tse_real
+      repeats_again[TSE_SENSORS + 1]; /* [1] share of the readings after a repetition that repeat again */
+  /* [1] -log2 of the probability that a working channel repeats as many readings */
   tse_real frozen[TSE_SENSORS + 1];
   tse_real agrees_for; /* [s] time for which the faulty channel has agreed with the prediction */
   int32_t change_kind; /* TSE_CHANGE_* */
@@ -354,7 +362,7 @@ typedef struct tse_way {
   tse_real rolls_for, unread; /* [s] time since the car began to roll; time since the last accel_x */
 } tse_way;
 
-/* Ring of rows that wait for channels with a latency. */
+/* Ring buffer of rows that wait for the values of channels with a latency. */
 typedef struct tse_alignment {
   int32_t count, newest;               /* number of rows; index of the newest */
   tse_real since;                      /* [s] time from the row of the last step to the newest row */
@@ -363,39 +371,39 @@ typedef struct tse_alignment {
   tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 if missing */
   uint8_t missing[TSE_LATENCY_KEPT];   /* bits of tse_input.missing */
   tse_real lost[3];  /* [1] share of the noise variance of the IMU that interpolation removes */
-  int32_t reason[4]; /* reasons of the last step: of the three stiffnesses and of the grip */
+  int32_t reason[4]; /* reason codes of the three stiffnesses and of the grip in the last step */
 } tse_alignment;
 
-/* Filter: members that both filters use, and the Kalman filter (form 0). */
+/* A filter: members that the Kalman filter and the particle filter share, then the state
+ * of the Kalman filter. */
 struct tse_filter {
   uint32_t magic, fingerprint;
   uint32_t step;   /* number of rows processed since tse_reset(); counter of the random numbers */
   int32_t started; /* 0: the next row initialises the motion */
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
-  tse_real held_for;               /* [s] time since the last measured steering angle, now held */
+  tse_real held_for;               /* [s] time since the last measured steering angle, which is held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
   int32_t lost;        /* 1: held_for or rolled_for was too long, and no row has had both signals since */
   tse_real still_for;  /* [s] time since the wheels stopped */
-  tse_real off_for[2]; /* [s] remaining time for which each axle's wheel speed counts as a separate signal */
+  tse_real off_for[2]; /* [s] for each axle, remaining time for which its speed does not count as a copy */
   tse_real ratio;      /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;       /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
-  tse_real seen;    /* form 1: [samples] samples used to learn, at most 5 times `memory`; form 0: as k.seen */
+  tse_real seen;    /* particle filter: learnt samples, at most 5 times `memory`; Kalman filter: k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
-  tse_kalman k;          /* form 0 */
+  tse_kalman k;          /* state of the Kalman filter */
   tse_alignment waiting; /* rows that wait for channels with a latency */
 };
 
-/* The paper's particle filter (form 1). A pointer to its first member may be cast
- * to this type. */
+/* The paper's particle filter. Its first member is a tse_filter. A pointer to this member
+ * may be cast to a pointer to tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu; /* see (16) and (17); independent of data, and the same for all particles */
-  tse_real bias_var
-      [3]; /* [sigma^2] P of (18), (19), the same for all particles; diagonal, because P0, Q and R are */
-  tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
-  tse_real excite[3];                    /* regressors after a low pass with EXCITATION_TIME */
+  tse_real gamma, nu;   /* of (16), (17); independent of measurements, common to all particles */
+  tse_real bias_var[3]; /* [sigma^2] P of (18), (19): diagonal like P0, Q and R, common to all particles */
+  tse_real log_total;   /* log2 of the sum of the weights 2^logw */
+  tse_real excite[3];   /* regressors after a low pass (EXCITATION_TIME) */
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
   tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;
@@ -410,7 +418,7 @@ struct tse_sim {
   tse_sim_config config;
   uint32_t step;              /* number of rows so far */
   tse_real x[5];              /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
-  tse_real bias[3], drawn[3]; /* biases; relative stiffness that is drawn for the next interval */
+  tse_real bias[3], drawn[3]; /* biases; relative stiffness drawn for the time to the next row */
   tse_real steer;             /* [rad] road-wheel angle at the last row, after the effects */
   tse_real steer_logged;      /* [rad] logged angle at the last row */
   tse_effect_memory effects;
@@ -424,7 +432,7 @@ typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_byt
 typedef char tse_filter_paper_has_its_size
     [sizeof(tse_filter_paper) == sizeof(tse_filter_bytes) + sizeof(tse_paper_bytes) ? 1 : -1];
 #if !defined(TSE_NO_EFFECTS)
-/* The struct tse_sim as programs see it: a copy of its declaration in tse/simulate.h. */
+/* The public declaration of struct tse_sim: a copy from tse/simulate.h. */
 struct tse_sim_seen {
   tse_params_bytes params;
   tse_sim_input last;
