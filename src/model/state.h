@@ -400,10 +400,11 @@ struct tse_filter {
  * may be cast to a pointer to tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu;   /* of (16), (17); independent of measurements, common to all particles */
-  tse_real bias_var[3]; /* [sigma^2] P of (18), (19): diagonal like P0, Q and R, common to all particles */
-  tse_real log_total;   /* log2 of the sum of the weights 2^logw */
-  tse_real excite[3];   /* regressors after a low pass (EXCITATION_TIME) */
+  tse_real gamma, nu; /* of (16), (17); independent of measurements, common to all particles */
+  tse_real bias_var
+      [3]; /* [sigma^2] P of (18), (19), common to all particles; diagonal, because P0, Q, R are diagonal */
+  tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
+  tse_real excite[3];                    /* regressors after a low pass (EXCITATION_TIME) */
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
   tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;
