@@ -8,11 +8,11 @@
  * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
  * the filter restarts.
  *
- * The code is portable C: a product is computed from four products of 32-bit halves. With
- * a compiler that has 128-bit integers, the code uses these instead, which takes less
- * time and gives the same results. On a Cortex-M0 it uses 16-bit products. Two properties
- * of the compiler are checked: right shifts of negative numbers are arithmetic, and
- * conversion to a signed type keeps the bits. */
+ * The code is portable C: a product is computed from four products of 32-bit halves. If
+ * the compiler has 128-bit integers, the code uses them instead, which takes less time
+ * and gives the same results. On a Cortex-M0 the code uses 16-bit products. Two
+ * properties of the compiler are checked at compile time: right shifts of negative
+ * numbers are arithmetic, and conversion to a signed type keeps the bits. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -44,9 +44,10 @@ static inline int64_t fixed_saturate(int64_t x)
   return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x);
 }
 
-/* Processors without 64-bit products and without division compute with 16-bit products.
- * This is faster than libgcc and gives the same results. -DTSE_FIXED_QUARTERS selects it
- * on any processor. */
+/* On processors that have neither 64-bit products nor division, for example the
+ * Cortex-M0, compute with 16-bit products. This is faster than the functions of libgcc
+ * and gives the same results. -DTSE_FIXED_QUARTERS selects 16-bit products on any
+ * processor. */
 #if defined(__ARM_ARCH_6M__) && !defined(TSE_FIXED_QUARTERS)
 #define TSE_FIXED_QUARTERS
 #endif
@@ -93,9 +94,9 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* Return an approximation of 2^31/d, at most 2 too small, for d from 2^15 to
- * 2^16. The first approximation is the best line of slope -1 (error 7.2 %).
- * Three Newton steps follow. */
+/* Return an approximation of 2^31/d for d from 2^15 to 2^16. It is at most 2 too small.
+ * The first approximation is a line of slope -1, with an error of up to 7.2 %. Three
+ * Newton steps follow. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -331,9 +332,9 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   return (int64_t)((root + ((uint64_t)1 << (zeros / 2 - 1))) >> (zeros / 2));
 }
 
-/* Products are inlined on 64-bit machines. On other machines they are function calls,
- * because a product takes 30 .. 60 instructions and the filter contains two thousand
- * products. -DTSE_FIXED_CALLS=0 or 1 overrides this. */
+/* Products are inlined on 64-bit machines. On other machines a product takes 30 .. 60
+ * instructions. There products are function calls, because two thousand inlined products
+ * would need much memory. -DTSE_FIXED_CALLS=0 (inline) or 1 (calls) overrides this. */
 #if !defined(TSE_FIXED_CALLS)
 #if UINTPTR_MAX > 0xffffffffu
 #define TSE_FIXED_CALLS 0

@@ -5,13 +5,16 @@
  * operation has a function here.
  *
  * double, float   Only + - * /, sqrt and integer operations are used, so that every IEEE
- *                 machine computes the same bits. Build with -ffp-contract=off, without
- *                 -ffast-math (adding and subtracting 1.5*2^52 must round). Options that
- *                 the preprocessor can detect are errors below; tse_self_test() detects
- *                 the others. The functions have no branches: loops over particles
- *                 vectorise with -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
+ *                 machine computes the same bits. Build with -ffp-contract=off and
+ *                 without -ffast-math. The code rounds x to an integer by computing
+ *                 (x + 1.5*2^52) - 1.5*2^52, which -ffast-math would simplify to x.
+ *                 Harmful options that the preprocessor can detect are errors below.
+ *                 tse_self_test() detects the others. The functions have no branches, so
+ *                 that loops over particles vectorise with -O3 -fno-math-errno
+ *                 -fno-trapping-math on a machine that has only SSE2.
  * fixed           Only integers are used: 64 bits, 32 of them fraction (number/fixed.h).
- *                 Fifteen results fit into a native sum; r_add_sat saturates.
+ *                 Up to fifteen results can be added with `+` without overflow.
+ *                 r_add_sat() adds numbers of any size and saturates.
  *
  * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c;
  * LSB = 2^-32; coefficients: tests/reference/fit_elementary.py):
@@ -218,10 +221,11 @@ static inline tse_real r_uniform(uint32_t word)
       * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
-/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where
- * log2(m) = s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS.
- * Infinity and NaN give REAL_BIAS + 1 or more, like a very large number. k is converted
- * through the low bits of REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
+/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where log2(m) =
+ * s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS. Infinity
+ * and NaN give REAL_BIAS + 1 or more, like a very large number. The integer k is
+ * converted to a real number by writing it into the low bits of REAL_WHOLE (in double
+ * 2^52) and subtracting REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
 static inline tse_real r_log2(tse_real x)
 {
   const real_bits u = bits_of(x) & REAL_MAGNITUDE,
@@ -233,8 +237,8 @@ static inline tse_real r_log2(tse_real x)
       + s * evaluate_log2_series(s * s);
 }
 
-/* Return 2^x = 2^k 2^r, x = k + r with |r| <= 1/2, where 2^r = 1 + r P(r). Adding
- * 1.5 REAL_WHOLE to x leaves the integer k in the low bits of the sum. */
+/* Return 2^x = 2^k 2^r, x = k + r with |r| <= 1/2, where 2^r = 1 + r P(r). The sum of x
+ * and 1.5 REAL_WHOLE is rounded to an integer, so that its low bits are the integer k. */
 static inline tse_real r_exp2(tse_real x)
 {
   const tse_real low = x < -120 ? -120 : x, y = low > 120 ? 120 : low;
@@ -244,9 +248,9 @@ static inline tse_real r_exp2(tse_real x)
 
 /* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 they are
  *   sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2).
- * P and Q are polynomials in -v^2, so that all their coefficients are positive and their
- * evaluation needs no subtraction. Reason: where additions and subtractions alternate,
- * gcc 12 fuses them with multiplications (FMA), in spite of -ffp-contract=off. */
+ * P and Q are polynomials in -v^2. All their coefficients are then positive, and they are
+ * evaluated without subtractions. Reason: if additions and subtractions alternate, gcc 12
+ * fuses them with multiplications (FMA) in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -316,8 +320,9 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Return the bits of x as an IEEE single, rounded to nearest, ties to even. If TSE_S()
- * has made the setting and its magnitude is at least 2^-8, x is exactly a single. */
+/* Return the bits of x as an IEEE single, rounded to nearest, ties to even. TSE_S()
+ * rounds the literal value of a setting to a single. If its magnitude is at least 2^-8,
+ * the fixed-point number x equals this single, and nothing is rounded here. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);
@@ -475,7 +480,8 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
 
 /* ------------------------------------------------------------------------ all formats */
 
-/* Return log2(a b c) of positive numbers. Except in fixed, a b c must not overflow. */
+/* Return log2(a b c) of positive numbers. In double and float the product a b c must not
+ * overflow. */
 static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 {
 #if defined(TSE_REAL_FIXED)

@@ -1,16 +1,17 @@
 /* number/vector.h - rows (vectors) of numbers, and sums of their products. Nearly all
- * products of the filter are computed here.
+ * products of the filter are computed here. An element of a row has the type tse_short. A
+ * number that multiplies all elements of a row is called a factor.
  *
- * double, float: a tse_short and a factor are both a tse_real, and every loop is a plain
- * one. Sums are computed in the order in which they are written.
+ * double, float: tse_short and factor are the type tse_real, and every function is a
+ * simple loop. Sums are computed in the order in which they are written.
  *
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
- * factor, which multiplies a whole row, is a mantissa of 31 bits and a shift, computed
- * once per row (r_factor). A product is then one of 32 x 32 bits, rounded once to
- * nearest. Sums of products are exact in 64 bits and rounded once. So that the products
- * use most of the 64 bits, one of the two rows of such a sum is scaled by a power of two
- * of its own (r_row, r_sparse). Quotients with the same divisor share the reciprocal of
- * this divisor (r_divisor); their relative error is at most 2^-29.
+ * factor is a mantissa of 31 bits and a shift, computed once for each row (r_factor). Its
+ * product with an element is a product of 32 x 32 bits, rounded once to nearest. Sums of
+ * products are exact in 64 bits and rounded once. So that the products use most of the 64
+ * bits, one of the two rows of such a sum is scaled by a power of two (r_row, r_sparse),
+ * chosen for this row. Quotients with the same divisor share the reciprocal of this
+ * divisor (r_divisor). Their relative error is at most 2^-29.
  *
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
@@ -28,9 +29,9 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop multiplies by the same row, element by element. It divides
- * the total number `rows`. On a core without vector instructions, a loop over several
- * rows loads each element of the common row only once. */
+/* Number of rows that one loop multiplies by the same common row, element by element. The
+ * total number `rows` is a multiple of it. On a core without vector instructions, such a
+ * loop is faster, because it loads each element of the common row only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -48,7 +49,8 @@ typedef struct r_sparse {
   uint8_t at[MAX_ROW];
 } r_sparse;
 
-/* A row that is stored multiplied by 2^-up. Factors for it are r_factor(x, up). */
+/* A row whose elements m are stored multiplied by 2^-up. r_factor(x, up) gives the factor
+ * x for such a row. */
 typedef struct r_scaled {
   const tse_short *m;
   int32_t up;
@@ -82,15 +84,19 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (v
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
-/* Return whether an element of the row exceeds 15/16 of the saturation
- * limit (fixed only). */
+/* Return whether the magnitude of an element of the row exceeds 15/16 of the limit at
+ * which elements saturate. In double and float elements do not saturate, and the result
+ * is 0. */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
 /* Elements of a transition matrix ("slopes") in units of the state, and their
  * products with rows:
- *   r_slope_in_units  x to/over, limited to +-max; `to` is made by r_unit(), `over` by
- *                     r_over_unit()
- *   r_short_over      x/over for an element of a row, limited to +-max
+ *   r_slope_in_units  slope x in units of the state: x times the unit of the state in its
+ *                     column, divided by the unit of the state in its row. The result is
+ *                     limited to +-max. `to` is r_unit() of the first unit, and `over` is
+ *                     r_over_unit() of the second one, a reciprocal
+ *   r_short_over      element x of a row divided by a unit, limited to +-max. `over` is
+ *                     r_over_unit() of this unit
  *   r_slope_sums      to[i, b] += sum of slope[i, j] x[b, j] over n elements j, for each
  *                     of `rows` rows i of slopes, which are `stride` apart, and each of
  *                     `together` rows b of x */
@@ -210,10 +216,11 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > max ? FIXED_MOST : (x < -max ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* Return x 2^-right, rounded to nearest and saturated: FIXED_NARROW_TO to the given
- * number of bits, FIXED_NARROW to the bits of a tse_short. |x| is at most 2^62. Only the
- * upper 32 bits of the rounded number are saturated, and its lower bits remain. The two
- * functions are parts of the macros. */
+/* Macros FIXED_NARROW_TO and FIXED_NARROW: return x 2^-right, rounded to nearest and
+ * saturated. FIXED_NARROW_TO saturates to the given number of bits, FIXED_NARROW to the
+ * bits of a tse_short. |x| must be at most 2^62. Saturation changes only the upper 32
+ * bits of the rounded number, so that a saturated result may differ from the limit in its
+ * lowest bits. The macros use the next two functions. */
 static inline uint64_t fixed_half_up(int64_t x, int right)
 {
   return (uint64_t)x + ((uint64_t)1 << (right - 1));
@@ -440,9 +447,9 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 }
 
 /* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below 16 in
- * magnitude, so that the sum of 32 products with a row is below 2^62. The unit of a state
- * is at most 1. r_over_unit() divides by units of the motion only, and these are at least
- * 2^-8. */
+ * magnitude, so that the sum of 32 products with a row is below 2^62. The results of
+ * r_unit() and r_over_unit() fit 32 bits: the unit of a state is at most 1, and
+ * r_over_unit() is called only for units of the motion, which are at least 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
@@ -519,7 +526,8 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
-/* Do the same as r_add_both() with y[0] and then with y[1]. x is read once for both. */
+/* Compute the same as r_add_both() with y[0], followed by r_add_both() with y[1]. This
+ * function is faster, because it reads x only once. */
 static inline void r_add_both_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
@@ -542,7 +550,8 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
   }
 }
 
-/* Do the same as r_add_in_turn() with y[0] and then with y[1]. */
+/* Compute the same as r_add_in_turn() with y[0], followed by r_add_in_turn() with
+ * y[1]. */
 static inline void r_add_in_turn_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {

@@ -1,10 +1,10 @@
 /* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The comments on the right
  * give its lines, and its equations in parentheses.
  *
- * The processing of a row begins with lines 17 and 18 of the previous row, because the
- * time step between the two rows was not known before. w is drawn (line 16) before the
- * statistics are updated with it (line 4). src/EQUATIONS.md lists every other deviation
- * from the paper, with its reason. */
+ * The order of the lines differs in two places. Lines 17 and 18, the prediction to the
+ * next row, are processed when the next row arrives, because the time step is not known
+ * before. Line 4, which updates the statistics with w, follows line 16, which draws w.
+ * src/EQUATIONS.md lists all other deviations from the paper, with the reasons. */
 #include "paper/paper.h"
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)

@@ -7,7 +7,7 @@
 #define RUN 64
 #define MIN_NU TSE_R(6) /* min degrees of freedom: A and Sigma require nu > 4. Reached only with
                          * a short memory and long time steps */
-#define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min share of the statistics that is kept in a row */
+#define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min forgetting factor of a row: keeps 2^-20 of the statistics */
 #define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
@@ -158,12 +158,15 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget old samples, equation (17): divide gamma by the forgetting factor lambda, and
- * multiply nu and Lambda by lambda (lam = Lambda/nu does not change). The lambda of a row
- * is lambda^(dt/sample_time). gamma determines how fast the mean forgets. It has a lambda
- * of its own, which decreases while innovations are correlated. gamma is limited to 1 or
- * its initial value, whichever is larger, so that the mean is never less certain than at
- * this gamma. */
+/* Forget old samples, equation (17): divide gamma by a forgetting factor lambda, and
+ * multiply nu and Lambda by a forgetting factor (lam = Lambda/nu does not change). A row
+ * of dt seconds counts as dt/sample_time samples, so that its factor is
+ * lambda^(dt/sample_time).
+ *
+ * The variance of a mean is gamma times the variance of the process noise. gamma thus
+ * determines how fast the mean forgets. It has its own lambda, which decreases while
+ * innovations are correlated. Forgetting increases gamma at most to 1 or to its initial
+ * value, whichever is larger, so that the variance of the mean stays limited. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

@@ -1,10 +1,10 @@
 /* paper/paper.h - the particle filter of the paper (form 1): stages of Algorithm 1.
  * Numbers in parentheses are equations of the paper. Internal.
  *
- * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided
- * by the mass, measurements by the sds of the sensors. gamma, nu and the covariance P of
- * the biases follow recursions that do not contain measurements. They are therefore
- * common to all particles. */
+ * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided by
+ * the mass of the car, and each measurement by the sd of its sensor. The recursions of
+ * gamma, of nu and of the covariance P of the biases do not contain measurements. These
+ * quantities are therefore the same for all particles, and are stored only once. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 
@@ -62,7 +62,7 @@ TSE_INLINE void condition_on_channel(
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* saturated sums may be below r: the particle would wrongly dominate */
+#if defined(TSE_REAL_FIXED) /* if a saturated sum were below r, the particle would wrongly dominate */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
@@ -195,7 +195,8 @@ void paper_resample(const tse_params *p, tse_filter_paper *f);
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 
-/* Reorder ancestors so that each particle that is an ancestor stays in its place.
+/* Reorder the list of ancestors, so that each particle that is an ancestor is its own
+ * ancestor: it stays in its place.
  *   Given:  copies  memory for n elements */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 

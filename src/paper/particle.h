@@ -15,10 +15,10 @@ typedef struct observation {
   tse_real h1, h2;                  /* accel_x, accel_y at w = 0 */
 } observation;
 
-/* Nominal stiffness, divided by the mass and by the sd of the sensor. Names: x
- * longitudinal, y cornering stiffness; f front, r rear; 1 for accel_x, 2 for accel_y.
- * xr1_follow is xr1 times p->follow, the ratio of rear to front deviation of the relative
- * longitudinal stiffness. */
+/* Nominal stiffness, divided by the mass of the car and by the sd of a sensor. Letters of
+ * the names: x longitudinal, y cornering stiffness; f front, r rear; 1 sd of accel_x, 2
+ * sd of accel_y. xr1_follow is xr1 times p->follow. p->follow is the ratio of the
+ * relative deviations of the longitudinal stiffness, rear to front. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;
 } observation_gains;

@@ -21,7 +21,8 @@ static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
   return r_uniform(a);
 }
 
-/* Return position k of n on [0, total): (k + u) share, share = total/n. */
+/* Return position k of n positions on the cumulative weights, within [0, total): (k + u)
+ * share, share = total/n. */
 static tse_real compute_position(tse_real share, int32_t k, tse_real u)
 {
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
@@ -46,8 +47,8 @@ static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total
   }
 }
 
-/* Return floor(n q), the number of copies that a particle has in any case
- * (q: weight / total). */
+/* Return floor(n q), q = weight/total: the number of copies of a particle that residual
+ * resampling makes without a random number. */
 static int32_t count_whole_copies(tse_real weight, int32_t n, tse_real total)
 {
   return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
@@ -103,9 +104,9 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as in choose_residual() */
 }
 
-/* Reorder the ancestors so that each particle that is an ancestor stays in its place.
- * paper_copy_particles() then needs no second buffer, because it reads only places that
- * it does not change. */
+/* Reorder the list of ancestors, so that each particle that is an ancestor is its own
+ * ancestor: it stays in its place. paper_copy_particles() then needs no second buffer,
+ * because it reads only particles that stay in their places. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;

@@ -1,7 +1,7 @@
 /* paper/row.c - process a row of tse_step() with the particle filter: everything around
- * Algorithm 1. The paper assumes a row every Ts, a moving car and all channels. In rows
- * that do not fit these assumptions the motion is predicted with the mean stiffness, and
- * the statistics are not updated. */
+ * Algorithm 1. The paper assumes a row at intervals of Ts, a moving car, and measurements
+ * of all channels. In a row that violates one of these assumptions, the motion is
+ * predicted with the mean stiffness, and the statistics are not updated. */
 #include "paper/paper.h"
 
 #define REVERSE_SPEED TSE_R(-0.1) /* [m/s] wheel speed below which the car is in reverse */

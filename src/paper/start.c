@@ -20,9 +20,10 @@ static tse_real clip_stiffness(const tse_params *p, tse_real w) { return r_clamp
 /* Return the mean of both wheel speeds [m/s]. */
 static tse_real average_wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
-/* Initialise the motion of particle i: draw it about vel_x, a lateral speed of 0, and the
- * yaw rate of the gyro.
- *   Given:  n  standard normal numbers */
+/* Draw the initial motion of particle i from a normal distribution. Its mean is the
+ * longitudinal speed vel_x, the lateral speed 0 and the yaw rate of the gyro. Its sds are
+ * p->x_sd0.
+ *   Given:  n  three standard normal numbers */
 static void place_particle(
     const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
 {

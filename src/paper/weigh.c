@@ -1,7 +1,7 @@
 /* paper/weigh.c - equations (22), (23): weight each particle by its likelihood. */
 #include "paper/paper.h"
 
-#define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight relative to the largest: less is negligible */
+#define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight / largest weight: smaller ones are negligible */
 
 /* Return Gamma(x + 1/2)/Gamma(x), x >= 2. It is computed by the asymptotic series at
  * x + 4, and from there by the recursion g(x) = g(x + 1) x/(x + 1/2). The relative error
@@ -25,8 +25,8 @@ static tse_real compute_gamma_ratio(tse_real x)
 /* Return log2 of the factor of the Student-t density that is common to all particles. If
  * d channels are used, it is
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |P + R|^(-1/2),
- * divided by the product of the sds of the sensors, so that the
- * density is that in SI units. */
+ * divided by the product of the sds of the sensors. The division converts the density
+ * from measurements in sds of the sensors to measurements in SI units. */
 static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
@@ -39,8 +39,8 @@ static tse_real compute_log2_common(const tse_params *p, const common *n, const 
           r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* remove the factor n->r that a missing channel, whose row of d is 0,
-   * contributes to |S| */
+  /* A missing channel has a row of zeros in d, and contributes the factor n->r to |S|.
+   * Remove this factor. */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
