@@ -1,18 +1,21 @@
 /* tables/columns.h - lists of all channels, outputs, status and reason codes, as macros.
  * Range checks, texts, tse_describe() and the FMUs expand them with macros of their own:
  *   CHANNELS, VELOCITIES, PEDALS, ROADS
- *                 ROW(name, 1 if it drives the model, min, max, unit, text)
+ *                 ROW(name, drives, min, max, unit, text); drives is 1 if the channel is
+ *                 an input of the model of the car, and 0 if it is a measurement
  *   DRIVER        ROW(name, default, min, max, unit, text); inputs of the simulator
  *   OUTPUTS       NUMBER(name, member, unit, text)
  *                 FLAG(name, member, text)
  *                 CODE(name, member, enumeration, text)
  *                 STIFFNESS(name, member, member of an FMU in N or N/rad, unit, text)
- *                 REASON(name, member, member of an FMU that is 1 if valid, subject)
+ *                 REASON(name, member, member of an FMU that is 1 if valid, quantity to
+ *                 which the reason code belongs)
  *   STATUSES, REASON_CODES
  *                 ROW(name, word, text)
  *   REPLAY_START  ROW(name, default, unit, text)
- *   TRUTHS        NUMBER, STIFFNESS as above, with an additional first argument: group of
- *                 the column of the simulator, true or drawn
+ *   TRUTHS        true values that the simulator logs: NUMBER and STIFFNESS as above, but
+ *                 with an additional first argument, the group of the column: true or
+ *                 drawn
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
@@ -281,6 +284,6 @@
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 // clang-format on: end of table
 
-#define NO_COLUMN(...) /* for any of these macros: omits the row */
+#define NO_COLUMN(...) /* argument of a list above that omits the rows of a kind */
 
 #endif

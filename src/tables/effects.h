@@ -33,7 +33,7 @@ enum {
 // clang-format on: end of table
 
 /* Effects and their parameters, as prepared by tse_prepare(). Bit TSE_EFFECT_<id> of mask
- * is set if a strength of the effect is not zero. */
+ * is 1 if the effect is on: if at least one of its strengths is not 0. */
 typedef struct tse_effects {
   uint64_t mask;
 #if !defined(TSE_NO_EFFECTS)

@@ -14,15 +14,17 @@ typedef struct real_row {
   tse_setting def, lo, hi;
 } real_row;
 
-/* A setting of type int32_t: the same members. */
+/* A setting of type int32_t, with the same members as a real_row. */
 typedef struct whole_row {
   const char *name;
   uint16_t at;
   int32_t def, lo, hi;
 } whole_row;
 
-/* A channel: its name, offset in its struct, min, max. If drives is 1, a log row with a
- * value out of range is refused. If drives is 0, the value counts as missing. */
+/* A channel: its name, offset in its struct, min, max. `drives` is 1 if the channel is an
+ * input of the model of the car: a log row in which its value is out of range is refused.
+ * `drives` is 0 if the channel is a measurement: a value out of range counts as
+ * missing. */
 typedef struct channel_row {
   const char *name;
   uint16_t at;
