@@ -6,7 +6,7 @@
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
 #define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
 #define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min of the setting initial_spread */
-#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays positive */
+#define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays invertible */
 #define DAY 86400u                        /* [s] */
 #define PLACES_KEPT 11                    /* number of means: biases, stiffness, grip, steering, radius */
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)

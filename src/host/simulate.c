@@ -182,8 +182,9 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
-/* Return drawn stiffness / mass. The relative rear longitudinal stiffness is road_level
- * plus `follow` times the deviation of the front one from road_level. */
+/* Return the drawn stiffness of all tyres, divided by the mass of the car. The relative
+ * rear longitudinal stiffness is road_level plus `follow` times the deviation of the
+ * front one from road_level. */
 static stiffness get_stiffness(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;

@@ -207,7 +207,7 @@ static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3)
       fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
-  /* elements of unused particles have larger values and are not checked */
+  /* log-weights beyond the first p->particles are not used and not checked */
   return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64));
 }
 

@@ -107,11 +107,11 @@
   ROW(GAIN, 0.02,  0.5) /* [1] true road-wheel angle / logged one - 1 */ \
   NOT_SMALL(ROW(LATE, 0.01,  0.2)) /* [s] latency of the steering angle */ \
   NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] front wheel radius in the settings / true one - 1 */ \
-  ROW(LEAN, 0.05,  0.9) /* [1] superelevation: share of v_x r that the bank of curves provides */
+  ROW(LEAN, 0.05,  0.9) /* [1] superelevation: share of v_x r that gravity provides in banked curves */
 /* Extra states, which are needed only if velocities are measured. In the state they
  * follow the states above. */
 #define EXTRA_ROWS(ROW) \
-  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
+  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, from the zero direction of the course */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the lateral speed */ \
   ROW(V_SCALE,       0.01, 0.5) /* [1] relative scale error of the velocities */ \
   ROW(V_TURN,        0.01, 1)   /* [rad] angle from the axes of the car to those of the INS */ \
@@ -252,7 +252,7 @@ void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, 
     tse_real by[3][PLACES]);
 
 /* Advance the pitch by dt, at the longitudinal acceleration ax.
- *   Updated:   pitch[0]  [m/s2] ax after a second-order lag, proportional to the pitch angle
+ *   Updated:   pitch[0]  [m/s2] ax after a second-order lag; proportional to the pitch
  *              pitch[1]  [m/s3] rate of pitch[0]
  *   Returned:  [m/s2] part of accel_x that is due to pitch */
 tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);

@@ -86,9 +86,10 @@ static inline void steering_compliance_slip(point *pt)
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the roll angle `roll x` steers the rear wheels into the turn, which
- * adds the angle `gain roll x` to alpha_r. x is the lateral specific force after a
- * second-order lag (mode_step in laws.h). Typical gain 0.03 .. 0.1. */
+/* rear_roll_steer: the roll of the body steers the rear wheels into the turn, which adds
+ * the angle gain phi to alpha_r. The roll angle phi is `roll` times x, and x is the
+ * lateral specific force after a second-order lag (mode_step in laws.h). Typical gain
+ * 0.03 .. 0.1. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -161,9 +162,9 @@ static inline void combined_slip_stiffness(point *pt)
 
 /* tyre_saturation: the lateral force of an axle is limited to friction times load. The
  * secant stiffness is C tyre_secant(C |alpha|/(friction load)) (laws.h). C is the
- * stiffness after load transfer; a smaller C does not reduce the max force. 1/friction is
- * multiplied by 1 + balance in front and by 1 - balance in the rear. Typical friction 1
- * .. 1.1, balance -0.15 .. 0.15. */
+ * stiffness after load transfer. Load transfer that reduces C does not reduce the max
+ * force. 1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear.
+ * Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -202,8 +203,8 @@ static inline void lateral_load_transfer_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, compute_side_share(c->side_rear, square));
 }
 
-/* aero_drag: the force -kd vx |vx| is added to m vx'. Typical kd = 1/2 rho cd A 0.35
- * .. 0.45 kg/m. */
+/* aero_drag: the force -kd vx |vx| is added to m vx', with kd = 1/2 rho cd A. Typical kd
+ * 0.35 .. 0.45 kg/m. */
 static inline void aero_drag_body(point *pt) { pt->force.x = pt->force.x - drag_of(pt->p->car.drag, pt->vx); }
 
 /* rolling_resistance: the force f m g opposes the motion. Below 0.5 m/s it is

@@ -42,7 +42,7 @@ typedef struct acting {
   wheels w;
 } acting;
 
-/* One point of the model: state and inputs, results of the effects, and resulting forces.
+/* The model at one time: state and inputs, results of the effects, and resulting forces.
  * Forces are divided by the mass. */
 typedef struct point {
   const tse_params *p;        /* the car */
@@ -146,7 +146,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; relaxation lengths below speed / 1e6 reach it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state: speed / relaxation length is limited to it */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }

@@ -24,9 +24,9 @@ typedef struct slips {
   tse_real inv_body;            /* [s/m] reciprocal of the denominator of the slip angles */
 } slips;
 
-/* Compute slips and slip angles, equations (3) and (4). With absolute values in the
- * denominators they are valid in reverse, too: the force of a tyre then opposes the
- * velocity of its contact. `low` is LOW_SPEED.
+/* Compute slips and slip angles, equations (3) and (4). Because of the absolute values in
+ * the denominators, the equations are also valid in reverse: the force of a tyre opposes
+ * the velocity of its contact patch in both directions. `low` is LOW_SPEED.
  *   s = (R omega - vx)/max(|vx|, |R omega|, low)
  *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
  *   alpha_r = (lr r - vy)/max(|vx|, low) */

@@ -26,7 +26,8 @@
 #define TSE_INLINE static inline
 #endif
 
-/* Quantities common to all particles at one row. */
+/* Quantities common to all particles at one row. d_w = 3 is the number of elements of w,
+ * and d_y the number of measurements in the row. */
 typedef struct common {
   observation_gains g;        /* gains of h and d of (9); 0 if the measurement is missing */
   tse_real l[3];              /* (P + R)^-1/2, R = 1: factor that whitens the innovation */

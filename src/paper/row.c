@@ -24,10 +24,10 @@ static tse_real find_max_wheel_speed(const sample *y)
 
 /* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
  * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness explains the data equally well. The criterion is the variance,
- * over the recent past, of the regressor phi of the stiffness (a column of d, in sigma
- * per unit of w). An estimate of the stiffness from `memory` samples, each with the noise
- * variance 1 + phi^2 spread^2, has the variance
+ * a different stiffness fits the data equally well. The criterion is the variance, over
+ * the recent past, of the regressor phi of the stiffness. phi is a column of the matrix d
+ * of (9), in sds of the sensor per unit of w. An estimate of the stiffness from `memory`
+ * samples, each with the noise variance 1 + phi^2 spread^2, has the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)),
  * which must be below valid_sd^2. The result is used for validity only. The recent past
  * is 2 `memory` samples long, because after a change the estimated velocity takes longer
