@@ -146,7 +146,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state: speed / relaxation length is limited to it */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state: limit of speed / relaxation length */
 
 /* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
