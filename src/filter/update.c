@@ -165,8 +165,8 @@ static void update_activity(const tse_params *p, tse_kalman *k, const forces *f,
 }
 
 /* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. The
- * discrepancy is coloured noise with time constant MODEL_TIME and sd model_sd
- * sqrt(activity). The filter treats it as white noise, whose power density is that of the
+ * discrepancy is coloured noise with time constant MODEL_TIME and sd
+ * model_sd sqrt(activity). The filter treats it as white noise, whose power density is that of the
  * coloured noise at low frequencies. */
 static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {

@@ -233,12 +233,12 @@ static inline void bank_body(point *pt)
       - gravity_along(e->bank_angle + pt->g.bank);
 }
 
-/* crosswind: a wind of constant speed w and direction adds the lateral force c w
- * sqrt(vx^2 + w^2) cos(psi). psi is the heading of the car relative to the heading at
- * which the wind pushes it straight to the left. It is the setting crosswind_heading at
- * the start, and changes with the heading of the car. The force acts at the distance
- * `arm` in front of the centre of gravity. Typical: w = 3 .. 10 m/s, coefficient c = 2.8
- * kg/m, arm = 0.45 m. */
+/* crosswind: a wind of constant speed w and constant direction adds the lateral force
+ * c w sqrt(vx^2 + w^2) cos(psi). psi is the heading of the car relative to the heading at
+ * which the wind pushes it straight to the left. At the start psi is the setting
+ * crosswind_heading. It changes with the heading of the car. The force acts at the
+ * distance `arm` in front of the centre of gravity. Typical: w = 3 .. 10 m/s,
+ * coefficient c = 2.8 kg/m, arm = 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;

@@ -43,17 +43,16 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 /* Factors of the matrix 1 - g h J of the integration method ROS2 (vehicle.h). gh is g h.
  * J contains only the stiff part of the Jacobian: the block of vx and both wheel speeds,
  * and the block of vy and r. The damping by a saturated tyre is computed with its secant
- * stiffness, which overestimates the damping. The LAG states a, with a' = rate (alpha -
- * a), are eliminated: if alpha changes, a changes by the share b = gh rate/(1 + gh rate)
- * of this change. The damping by the tyre is therefore multiplied by b. */
+ * stiffness, which overestimates the damping. The LAG states a, with
+ * a' = rate (alpha - a), are eliminated: if alpha changes, a changes by the share
+ * b = gh rate/(1 + gh rate) of this change. The damping by the tyre is therefore multiplied by b. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
   tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
   tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if the wheel speed is an input */
   lateral_block side;
-  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness /
-   * mass */
+  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness / mass */
   tse_real slow[4], b[4], force[4];
   int lags; /* 1: there are LAG states */
 } solver;

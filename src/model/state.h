@@ -383,11 +383,13 @@ struct tse_filter {
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
   tse_real held_for;               /* [s] time since the last measured steering angle, which is held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
-  int32_t lost;        /* 1: held_for or rolled_for was too long, and no row has had both signals since */
-  tse_real still_for;  /* [s] time since the wheels stopped */
-  tse_real off_for[2]; /* [s] for each axle, remaining time for which its speed does not count as a copy */
-  tse_real ratio;      /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
-  tse_real gaps;       /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
+  int32_t lost;       /* 1: held_for or rolled_for was too long, and no row has had both signals since */
+  tse_real still_for; /* [s] time since the wheels stopped */
+  /* [s] for each axle, remaining time for which its wheel speed counts as a signal of its
+   * own, instead of a copy of the wheel speed of the other axle */
+  tse_real off_for[2];
+  tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
+  tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
   tse_way way;
   tse_real seen;    /* particle filter: learnt samples, at most 5 times `memory`; Kalman filter: k.seen */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */

@@ -221,9 +221,9 @@ static inline tse_real r_uniform(uint32_t word)
       * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
-/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where log2(m) =
- * s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS. Infinity
- * and NaN give REAL_BIAS + 1 or more, like a very large number. The integer k is
+/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where
+ * log2(m) = s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS.
+ * Infinity and NaN give REAL_BIAS + 1 or more, like a very large number. The integer k is
  * converted to a real number by writing it into the low bits of REAL_WHOLE (in double
  * 2^52) and subtracting REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
 static inline tse_real r_log2(tse_real x)

@@ -5,8 +5,8 @@
 #include "paper/paper.h"
 #include "tables/input.h"
 
-#define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias: nothing overflows */
-#define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sigma^2] 2^24, max variance of a bias: nothing overflows */
+#define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias, to prevent overflow */
+#define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sigma^2] 2^24: max variance of a bias, to prevent overflow */
 
 /* Predict the biases, equation (18): P += Q dt. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)

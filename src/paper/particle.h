@@ -16,8 +16,8 @@ typedef struct observation {
 } observation;
 
 /* Nominal stiffness, divided by the mass of the car and by the sd of a sensor. Letters of
- * the names: x longitudinal, y cornering stiffness; f front, r rear; 1 sd of accel_x, 2
- * sd of accel_y. xr1_follow is xr1 times p->follow. p->follow is the ratio of the
+ * the names: x longitudinal, y cornering stiffness; f front, r rear; 1 sd of accel_x,
+ * 2 sd of accel_y. xr1_follow is xr1 times p->follow. p->follow is the ratio of the
  * relative deviations of the longitudinal stiffness, rear to front. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;

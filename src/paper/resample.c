@@ -21,8 +21,8 @@ static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
   return r_uniform(a);
 }
 
-/* Return position k of n positions on the cumulative weights, within [0, total): (k + u)
- * share, share = total/n. */
+/* Return position k of n positions on the cumulative weights, within [0, total):
+ * (k + u) share, share = total/n. */
 static tse_real compute_position(tse_real share, int32_t k, tse_real u)
 {
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
