@@ -383,7 +383,9 @@ struct tse_filter {
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
   tse_real held_for;               /* [s] time since the last measured steering angle, which is held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
-  int32_t lost;       /* 1: held_for or rolled_for was too long, and no row has had both signals since */
+  /* 1: the motion is unknown, because held_for or rolled_for has become too long. It
+   * stays unknown until a row has both steering angle and wheel speed */
+  int32_t lost;
   tse_real still_for; /* [s] time since the wheels stopped */
   /* [s] for each axle, remaining time for which its wheel speed counts as a signal of its
    * own, instead of a copy of the wheel speed of the other axle */

@@ -10,7 +10,8 @@
 #define EFFECT_OF(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, ...) \
   { TSE_EFFECT_##effect, (strength) > 0 },
 
-/* Values of the vehicle class, from uncalibrated.toml. */
+/* Typical values of the vehicle class, for settings that are not set. The source is
+ * uncalibrated.toml. */
 // clang-format off: table car_class
 #define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness / load of the axle; the compliance
                                     * of the steering is included */
