@@ -34,7 +34,7 @@ typedef struct tse_config {
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: unknown, and no
                                                  * stiffness becomes valid */
   tse_setting yaw_inertia;                      /* [kg m2] 0, 10 .. 1000000; yaw moment of inertia about
-                                                 * the centre of gravity; 0: mass lf lr is used */
+                                                 * the centre of gravity; 0: mass times lf times lr is used */
   tse_setting lf;                               /* [m] 1.25, 0.1 .. 10; distance from the centre of gravity
                                                  * to the front axle */
   tse_setting lr;                               /* [m] 1.5, 0.1 .. 10; distance from the centre of gravity
@@ -69,9 +69,9 @@ typedef struct tse_config {
                                                  * steer_angle: steering ratio and compliance */
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
-  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale of accel_y,
-                                                 * which includes the gravity that accel_y measures when
-                                                 * the body rolls */
+  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale factor of
+                                                 * accel_y; the gravity that accel_y measures when the body
+                                                 * rolls acts like a part of this factor */
   tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
                                                  * relative to the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
@@ -82,7 +82,7 @@ typedef struct tse_config {
                                                  * differ in the bank of their curves */
   tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; relative sd of the scale of yaw_rate */
   tse_setting trail_sd;                         /* [m] 0.03, 0 .. 0.2; sd of aligning_moment_trail, the
-                                                 * distance of the lateral forces behind the axles */
+                                                 * distance behind an axle at which its lateral force acts */
   tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of rear_roll_steer_gain, the roll
                                                  * steer of the rear axle */
   tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; relative sd of the ratio of the
@@ -134,8 +134,8 @@ typedef struct tse_config {
   tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; noise sd of one value of
                                                  * gnss_speed */
   tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; noise sd of one value of
-                                                 * gnss_course above 10 m/s; below 10 m/s it is inversely
-                                                 * proportional to the speed */
+                                                 * gnss_course above 10 m/s; below 10 m/s, the noise sd is
+                                                 * inversely proportional to the speed */
   tse_setting velocity_latency;                 /* [s] 0, -0.2 .. 0.2; latency of measured velocities
                                                  * relative to yaw_rate */
   tse_setting velocity_latency_sd;              /* [s] 0.03, 0 .. 0.2; sd of velocity_latency */
@@ -153,16 +153,17 @@ typedef struct tse_config {
   tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; relative sd of the ratio of a
                                                  * measured speed to the speed computed from the wheels;
                                                  * wrong wheel radii change this ratio */
-  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with a smaller |torque|
-                                                 * counts as rolling freely; twice the sd of offset and
-                                                 * noise of the torque signal */
+  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle whose |torque| is smaller
+                                                 * than this limit counts as rolling freely; recommended:
+                                                 * twice the sd of offset and noise of the torque signal */
   tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a given bank
                                                  * or grade: estimates from different laps of one road
                                                  * differ by about this */
   tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass / setting - 1 */
   tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia / setting - 1 */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
-                                                 * subtracted from lr; at most 9/10 of either */
+                                                 * subtracted from lr, limited so that lf and lr stay at
+                                                 * least a tenth of their settings */
   tse_setting wheel_radius_change;              /* [1] 0, -0.1 .. 0.1; true rolling radius / setting - 1,
                                                  * the same for both axles */
   tse_setting steering_ratio_change;            /* [1] 0, -0.3 .. 0.3; true road-wheel angle / logged angle
@@ -171,8 +172,9 @@ typedef struct tse_config {
                                                  * logged angle */
   tse_setting steering_delay_time;              /* [s] 0, 0 .. 0.2; delay from the logged angle to the
                                                  * wheels */
-  tse_setting steering_lag_time;                /* [s] 0.02, 0 .. 0.5; sum of the time constants of both
-                                                 * lags from the logged angle to the wheels */
+  tse_setting steering_lag_time;                /* [s] 0.02, 0 .. 0.5; sum of the time constants of two
+                                                 * first-order lags in series from the logged angle to the
+                                                 * wheels */
   tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; time constant of the second lag / time
                                                  * constant of the first lag; 0: one lag only */
   tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) with small
@@ -252,8 +254,8 @@ typedef struct tse_config {
   tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
   tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
-                                                 * minus body_roll_coupling: about the height above the
-                                                 * centre of gravity */
+                                                 * minus body_roll_coupling; this is about the height of
+                                                 * the IMU above the centre of gravity */
   tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass / mass, times the height
                                                  * of the centre of gravity of the sprung mass above the
                                                  * roll axis; roll acceleration times this length is a
@@ -307,10 +309,10 @@ typedef struct tse_config {
   tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; forgetting factor lambda of
                                                  * equation (17) per sample_time; the memory is 1/(1 -
                                                  * lambda) samples; paper's filter */
-  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of gamma in
-                                                 * equation (17), which belongs to the mean, per
-                                                 * sample_time; 0: equal to the setting forgetting (the
-                                                 * paper); paper's filter */
+  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of the mean
+                                                 * stiffness per sample_time, used for gamma in equation
+                                                 * (17); 0: equal to the setting forgetting (the paper);
+                                                 * paper's filter */
   tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean, used
                                                  * while innovations are correlated, for example after a
                                                  * change of road; 1: no reduction (the paper); paper's
@@ -398,8 +400,8 @@ typedef struct tse_config {
                                                  * estimated; 2: they are two signals, unless the filter
                                                  * finds that they are the same; default filter */
   int32_t driven_axle;                          /* 0, 0 .. 2; driven axle: 0 both or unknown, 1 front, 2
-                                                 * rear; the other axle rolls freely while the car does not
-                                                 * brake; default filter */
+                                                 * rear; with 1 or 2, the axle that is not driven rolls
+                                                 * freely while the car does not brake; default filter */
   int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; number of particles;
                                                  * paper's filter */
   int32_t resampling;                           /* 0, 0 .. 3; method of resampling: 0 systematic, 1

@@ -38,7 +38,8 @@ typedef struct tse_input {
                                 * positive left (counter-clockwise from above), relative to any fixed
                                 * direction */
   tse_real brake;              /* [1] 0 .. 1, otherwise missing; 1: the car brakes, 0: it does not; a value
-                                * counts as 1 from 0.5 on; if missing, accel_x decides */
+                                * counts as 1 from 0.5 on; if missing, accel_x decides whether the car
+                                * brakes */
   tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque
                                 * of both front wheels */
   tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque

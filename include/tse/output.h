@@ -13,7 +13,8 @@ enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
 /* Regimes: index of their probability in tse_output.regime. */
 enum {
   // clang-format off: table regimes
-  TSE_REGIME_STEADY,    /* tyres as before */
+  TSE_REGIME_STEADY,    /* none of the other regimes: no change of the tyres within the last 2 s, no fault,
+                         * no sliding */
   TSE_REGIME_CHANGED,   /* the stiffness of all tyres has changed within the last 2 s: a different road */
   TSE_REGIME_AXLE,      /* the stiffness of one axle has changed within the last 2 s */
   TSE_REGIME_FAULT,     /* a channel has an offset, is frozen or noisy */
@@ -75,8 +76,8 @@ typedef struct tse_output {
                                   * factor, or the channel is exchanged, stuck or late; default filter only */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime; the index is TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change (change_kind); 0 before the first change */
-  tse_real change_probability;   /* [1] probability that nothing has changed since the last change; 0
-                                  * before the first change */
+  tse_real change_probability;   /* [1] probability that no further change or sensor fault has begun since
+                                  * the last change; 0 before the first change */
   tse_real change_ratio[3];      /* [1] ratio of the stiffness now to its value before the last change */
   tse_real discrepancy[3];       /* [m/s2 m/s2 rad/s] sd of the part of accel_x, accel_y, yaw_rate that the
                                   * model does not explain */

@@ -43,7 +43,8 @@ typedef struct tse_replay_log {
 typedef struct tse_replay_start {
   // clang-format off: table replay_start_members
   tse_real cx_front;             /* [1] 1; front longitudinal stiffness, relative to nominal; the rear one
-                                  * follows by rear_longitudinal_follows_front */
+                                  * deviates from nominal by rear_longitudinal_follows_front times the
+                                  * deviation of the front one */
   tse_real cy_front;             /* [1] 1; front cornering stiffness, relative to nominal */
   tse_real cy_rear;              /* [1] 1; rear cornering stiffness, relative to nominal */
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */

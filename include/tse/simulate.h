@@ -30,8 +30,9 @@ typedef struct tse_sim_config {
   tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * rear wheels */
   tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean front longitudinal stiffness,
-                                                 * relative to nominal; the rear one follows by
-                                                 * rear_longitudinal_follows_front */
+                                                 * relative to nominal; the rear one deviates from nominal
+                                                 * by rear_longitudinal_follows_front times the deviation
+                                                 * of the front one */
   tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness,
                                                  * relative to nominal */
   tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness,

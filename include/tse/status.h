@@ -31,8 +31,7 @@ typedef enum tse_status {
   TSE_E_NULL = -1,              /* a required argument is NULL */
   TSE_OK = 0,                   /* ok */
   TSE_W_NOT_VALID = 1,          /* at least one stiffness is not valid; see its reason */
-  TSE_W_STARTING = 2,           /* too few informative rows since the start; spread and validity have not
-                                 * settled */
+  TSE_W_STARTING = 2,           /* too few informative rows since the start: no stiffness is valid yet */
   TSE_W_MISSING_CHANNEL = 3,    /* a measurement is missing; the others are used */
   TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: stiffness is not
                                  * updated */

@@ -61,7 +61,7 @@ class Status(IntEnum):
     NOT_VALID = 1
     """At least one stiffness is not valid; see its reason."""
     STARTING = 2
-    """Too few informative rows since the start; spread and validity have not settled."""
+    """Too few informative rows since the start: no stiffness is valid yet."""
     MISSING_CHANNEL = 3
     """A measurement is missing; the others are used."""
     HELD = 4
@@ -121,7 +121,7 @@ class Row(TypedDict, total=False):
     above), relative to any fixed direction [-7 .. 7 rad]."""
     brake: float
     """1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing,
-    accel_x decides [0 .. 1]."""
+    accel_x decides whether the car brakes [0 .. 1]."""
     wheel_torque_front: float
     """Drive torque minus brake torque of both front wheels [-20000 .. 20000 Nm]."""
     wheel_torque_rear: float
@@ -233,7 +233,8 @@ class Estimate(EstimateBase):
     noise_wheel_rear: float
     """Estimated noise sd of wheel_speed_rear / its setting."""
     p_steady: float
-    """Probability that the tyres are as before."""
+    """Probability that the tyres have not changed within the last 2 s, no channel is
+    faulty, and no wheel locks or spins."""
     p_changed: float
     """Probability that the stiffness of all tyres has changed within the last 2 s: a
     different road."""
@@ -248,8 +249,8 @@ class Estimate(EstimateBase):
     change_age: float
     """Time since the last change (change_kind); 0 before the first change [s]."""
     change_probability: float
-    """Probability that nothing has changed since the last change; 0 before the first
-    change."""
+    """Probability that no further change or sensor fault has begun since the last
+    change; 0 before the first change."""
     change_kind: int
     """Kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear
     axle, 4 the filter started over."""

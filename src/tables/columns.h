@@ -39,7 +39,8 @@
       " fixed direction")
 #define PEDALS(ROW) \
   ROW(brake, 0, 0.0, 1.0, "1", \
-      "1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing, accel_x decides") \
+      "1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing, accel_x decides " \
+      "whether the car brakes") \
   ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", \
       "drive torque minus brake torque of both front wheels") \
   ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive torque minus brake torque of both rear wheels")
@@ -118,7 +119,9 @@
   NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate / its setting") \
   NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front / its setting") \
   NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear / its setting") \
-  NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", "probability that the tyres are as before") \
+  NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", \
+      "probability that the tyres have not changed within the last 2 s, no channel is faulty, and no " \
+      "wheel locks or spins") \
   NUMBER(p_changed, regime[TSE_REGIME_CHANGED], "1", \
       "probability that the stiffness of all tyres has changed within the last 2 s: a different road") \
   NUMBER(p_axle, regime[TSE_REGIME_AXLE], "1", \
@@ -130,7 +133,8 @@
       "probability that the filter started over within the last 2 s") \
   NUMBER(change_age, change_age, "s", "time since the last change (change_kind); 0 before the first change") \
   NUMBER(change_probability, change_probability, "1", \
-      "probability that nothing has changed since the last change; 0 before the first change") \
+      "probability that no further change or sensor fault has begun since the last change; 0 before the " \
+      "first change") \
   CODE(change_kind, change_kind, "ChangeKind", \
       "kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 the filter " \
       "started over") \
@@ -224,7 +228,7 @@
   ROW(TSE_OK, "TSE_OK", "ok") \
   ROW(TSE_W_NOT_VALID, "TSE_W_NOT_VALID", "at least one stiffness is not valid; see its reason") \
   ROW(TSE_W_STARTING, "TSE_W_STARTING", \
-      "too few informative rows since the start; spread and validity have not settled") \
+      "too few informative rows since the start: no stiffness is valid yet") \
   ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement is missing; the others are used") \
   ROW(TSE_W_HELD, "TSE_W_HELD", \
       "standstill, low speed, reverse or large steering angle: stiffness is not updated") \
@@ -262,8 +266,9 @@
       "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
       "is late (fault_channel, fault_factor)")
 #define REPLAY_START(ROW) \
-  ROW(cx_front, 1.0, "1", "front longitudinal stiffness, relative to nominal; the rear one follows by " \
-      "rear_longitudinal_follows_front") \
+  ROW(cx_front, 1.0, "1", \
+      "front longitudinal stiffness, relative to nominal; the rear one deviates from nominal by " \
+      "rear_longitudinal_follows_front times the deviation of the front one") \
   ROW(cy_front, 1.0, "1", "front cornering stiffness, relative to nominal") \
   ROW(cy_rear, 1.0, "1", "rear cornering stiffness, relative to nominal") \
   ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \

@@ -16,7 +16,8 @@
   ROW(REAL, yaw_inertia, change, 0.0, 0.0, -0.5, 1.0, "1", "true yaw inertia / setting - 1", 1, 0, 0.1, 0.2, \
       0.03) \
   ROW(REAL, cg_shift, distance, 0.0, 0.0, -0.6, 0.6, "m", \
-      "distance that is added to lf and subtracted from lr; at most 9/10 of either", 1, 0, 0.05, 0.15, 0.02) \
+      "distance that is added to lf and subtracted from lr, limited so that lf and lr stay at least a " \
+      "tenth of their settings", 1, 0, 0.05, 0.15, 0.02) \
   ROW(REAL, wheel_radius, change, 0.0, 0.0, -0.1, 0.1, "1", \
       "true rolling radius / setting - 1, the same for both axles", 1, 0, 0.01, 0.025, 0.002) \
   ROW(REAL, steering_ratio, change, 0.0, 0.0, -0.3, 0.3, "1", "true road-wheel angle / logged angle - 1", 1, \
@@ -26,7 +27,8 @@
   ROW(REAL, steering_delay, time, 0.0, 0.0, 0.0, 0.2, "s", "delay from the logged angle to the wheels", 1, \
       1, 0.01, 0.04, 0.002) \
   ROW(REAL, steering_lag, time, 0.02, 0.0, 0.0, 0.5, "s", \
-      "sum of the time constants of both lags from the logged angle to the wheels", 1, 1, 0.02, 0.06, 0.003) \
+      "sum of the time constants of two first-order lags in series from the logged angle to the wheels", 1, \
+      1, 0.02, 0.06, 0.003) \
   ROW(REAL, steering_lag, second, 0.0, 0.0, 0.0, 1.0, "1", \
       "time constant of the second lag / time constant of the first lag; 0: one lag only", 0, 1, 0.0, 1.0, \
       0.0) \
@@ -114,8 +116,8 @@
       0.0) \
   ROW(REAL, body_roll, damping, 0.3, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, 0.0) \
   ROW(REAL, body_roll, height, 0.0, 0.0, -1.0, 1.5, "m", \
-      "height of the IMU above the roll axis, minus body_roll_coupling: about the height above the centre" \
-      " of gravity", 0, 0, 0.0, 0.6, 0.0) \
+      "height of the IMU above the roll axis, minus body_roll_coupling; this is about the height of the " \
+      "IMU above the centre of gravity", 0, 0, 0.0, 0.6, 0.0) \
   ROW(REAL, body_roll, coupling, 0.4, 0.0, -0.5, 1.0, "m", \
       "sprung mass / mass, times the height of the centre of gravity of the sprung mass above the roll " \
       "axis; roll acceleration times this length is a lateral acceleration of the car", 0, 1, 0.0, 0.5, 0.0) \
@@ -148,7 +150,7 @@
   REAL("vehicle.mass", mass, 0.0, 1900.0, 50.0, 50000.0, "kg", \
       "vehicle mass; 0: unknown, and no stiffness becomes valid") \
   REAL("vehicle.yaw_inertia", yaw_inertia, 0.0, 3000.0, 10.0, 1000000.0, "kg m2", \
-      "yaw moment of inertia about the centre of gravity; 0: mass lf lr is used") \
+      "yaw moment of inertia about the centre of gravity; 0: mass times lf times lr is used") \
   REAL("vehicle.lf", lf, 1.25, 1.25, 0.1, 10.0, "m", \
       "distance from the centre of gravity to the front axle") \
   REAL("vehicle.lr", lr, 1.5, 1.5, 0.1, 10.0, "m", "distance from the centre of gravity to the rear axle") \
@@ -185,8 +187,8 @@
   REAL("uncertainty.steer_offset_sd", steer_offset_sd, 0.006, 0.0, 0.0, 0.1, "rad", \
       "sd of a constant offset of steer_angle") \
   REAL("uncertainty.accel_y_scale_sd", accel_y_scale_sd, 0.03, 0.0, 0.0, 0.5, "1", \
-      "relative sd of the scale of accel_y, which includes the gravity that accel_y measures when the " \
-      "body rolls") \
+      "relative sd of the scale factor of accel_y; the gravity that accel_y measures when the body rolls " \
+      "acts like a part of this factor") \
   REAL("uncertainty.wheel_delay_sd", wheel_delay_sd, 0.02, 0.0, 0.0, 0.2, "s", \
       "sd of the delay of the wheel speeds relative to the IMU") \
   REAL("uncertainty.accel_delay_sd", accel_delay_sd, 0.003, 0.0, 0.0, 0.2, "s", \
@@ -198,7 +200,7 @@
   REAL("uncertainty.gyro_scale_sd", gyro_scale_sd, 0.01, 0.0, 0.0, 0.2, "1", \
       "relative sd of the scale of yaw_rate") \
   REAL("uncertainty.trail_sd", trail_sd, 0.03, 0.0, 0.0, 0.2, "m", \
-      "sd of aligning_moment_trail, the distance of the lateral forces behind the axles") \
+      "sd of aligning_moment_trail, the distance behind an axle at which its lateral force acts") \
   REAL("uncertainty.roll_steer_sd", roll_steer_sd, 0.04, 0.0, 0.0, 0.5, "1", \
       "sd of rear_roll_steer_gain, the roll steer of the rear axle") \
   REAL("uncertainty.wheel_radius_sd", wheel_radius_sd, 0.005, 0.0, 0.0, 0.2, "1", \
@@ -250,8 +252,8 @@
   REAL("velocity.gnss_speed_sd", gnss_speed_sd, 0.1, 0.1, 0.001, 10.0, "m/s", \
       "noise sd of one value of gnss_speed") \
   REAL("velocity.gnss_course_sd", gnss_course_sd, 0.01, 0.01, 0.0001, 1.0, "rad", \
-      "noise sd of one value of gnss_course above 10 m/s; below 10 m/s it is inversely proportional to " \
-      "the speed") \
+      "noise sd of one value of gnss_course above 10 m/s; below 10 m/s, the noise sd is inversely " \
+      "proportional to the speed") \
   REAL("velocity.velocity_latency", velocity_latency, 0.0, 0.0, -0.2, 0.2, "s", \
       "latency of measured velocities relative to yaw_rate") \
   REAL("velocity.velocity_latency_sd", velocity_latency_sd, 0.03, 0.03, 0.0, 0.2, "s", \
@@ -271,8 +273,8 @@
       "radii change this ratio")
 #define SETTINGS_PEDALS(REAL, WHOLE) \
   REAL("pedals.wheel_torque_least", wheel_torque_least, 60.0, 60.0, 1.0, 2000.0, "Nm", \
-      "an axle with a smaller |torque| counts as rolling freely; twice the sd of offset and noise of the " \
-      "torque signal")
+      "an axle whose |torque| is smaller than this limit counts as rolling freely; recommended: twice the" \
+      " sd of offset and noise of the torque signal")
 #define SETTINGS_ROAD(REAL, WHOLE) \
   REAL("road.road_sd", road_sd, 0.005, 0.005, 0.0, 0.3, "rad", \
       "sd of the error of a given bank or grade: estimates from different laps of one road differ by " \
@@ -324,8 +326,8 @@
       "forgetting factor lambda of equation (17) per sample_time; the memory is 1/(1 - lambda) samples; " \
       "paper's filter") \
   REAL("filter.forgetting_mean", forgetting_mean, 0.0, 0.0, 0.0, 0.9999, "1", \
-      "forgetting factor of gamma in equation (17), which belongs to the mean, per sample_time; 0: equal " \
-      "to the setting forgetting (the paper); paper's filter") \
+      "forgetting factor of the mean stiffness per sample_time, used for gamma in equation (17); 0: equal" \
+      " to the setting forgetting (the paper); paper's filter") \
   REAL("filter.forgetting_change", forgetting_change, 1.0, 1.0, 0.5, 1.0, "1", \
       "min forgetting factor of the mean, used while innovations are correlated, for example after a " \
       "change of road; 1: no reduction (the paper); paper's filter") \
@@ -404,8 +406,8 @@
       "1: both wheel speeds are the same signal, the speed of the vehicle, from which no slip can be " \
       "estimated; 2: they are two signals, unless the filter finds that they are the same; default filter") \
   WHOLE("filter.driven_axle", driven_axle, 0, 0, 0, 2, "", \
-      "driven axle: 0 both or unknown, 1 front, 2 rear; the other axle rolls freely while the car does " \
-      "not brake; default filter") \
+      "driven axle: 0 both or unknown, 1 front, 2 rear; with 1 or 2, the axle that is not driven rolls " \
+      "freely while the car does not brake; default filter") \
   WHOLE("filter.particles", particles, 500 < TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 500 < \
       TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 16, TSE_MAX_PARTICLES, "", \
       "number of particles; paper's filter") \
@@ -427,8 +429,8 @@
   REAL("simulation.wheel_inertia_rear", wheel_inertia_rear, 2.4, 2.4, 0.05, 500.0, "kg m2", \
       "rotational inertia of both rear wheels") \
   REAL("simulation.true_cx_front", true_cx_front, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean front longitudinal stiffness, relative to nominal; the rear one follows by " \
-      "rear_longitudinal_follows_front") \
+      "mean front longitudinal stiffness, relative to nominal; the rear one deviates from nominal by " \
+      "rear_longitudinal_follows_front times the deviation of the front one") \
   REAL("simulation.true_cy_front", true_cy_front, 1.0, 1.0, 0.02, 10.0, "1", \
       "mean front cornering stiffness, relative to nominal") \
   REAL("simulation.true_cy_rear", true_cy_rear, 1.0, 1.0, 0.02, 10.0, "1", \
