@@ -116,18 +116,19 @@ def fleet(
     tselab fleet 'logs/**/*.mf4' --vehicles cars.csv --out results
     tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
 
-    Each log is estimated as by 'tselab estimate', from any format that 'tselab signals
-    --help' lists, with the signals.toml in its folder or --signals. Each drive starts
-    from the learnt state of the previous drive of the same car. Drives are ordered by the
-    start time in the log (MF4, MDF, BLF, MCAP) or, without it, by a date in the name of
-    the log or of its folder or, without one, by the modification time of the file.
-    Several cars run in parallel.
+    Each log is estimated as 'tselab estimate' does it, with the option --signals or,
+    without the option, with the signals.toml in the folder of the log. 'tselab signals
+    --help' lists the formats. Each drive starts from the learnt state of the previous
+    drive of the same car. The order of the drives follows from the start time in the log
+    (MF4, MDF, BLF, MCAP). If a log has no start time, the date in its name or in the name
+    of its folder is used. If there is no such date, the modification time of the file is
+    used. Several cars run in parallel.
 
     With --vehicle, each folder directly below FOLDER holds the logs of one car, also in
-    its subfolders; with --car, all logs belong to one car. With --vehicles, each log gets
-    the values of the first row of the table whose column log matches it. The column log
-    holds a file, a folder or a glob pattern. Paths in the table are relative to the
-    folder of the table:
+    its subfolders; with --car, all logs belong to one car. With --vehicles, the column
+    'log' of the table holds files, folders or glob patterns. A log gets vehicle, car and
+    signals from the first row whose entry in this column matches the path of the log.
+    Paths in the table are relative to the folder of the table:
 
     \b
     log,vehicle,car,signals
@@ -143,22 +144,22 @@ def fleet(
     DIR/reports/        a report for each log
     DIR/estimates/      with --estimates, the estimates of each log
     DIR/learnt/         learnt state of each car, for 'tselab estimate --load-learnt'
-    DIR/calibrated/     for each car without calibrated stiffness, a vehicle file that
-                        was calibrated on at most ten minutes of its first four logs.
-                        The learnt state of the car is valid only with this file. With
-                        --no-learn each log has its own calibration; with
-                        --no-calibrate there is no calibration
-    DIR/logs/           results of the logs that are done. The same command continues
-                        from there, even after it was killed, and runs only logs that
-                        are new or have changed
+    DIR/calibrated/     for each car without calibrated stiffness, a vehicle file with
+                        calibrated stiffness, from at most ten minutes of the first four
+                        logs of the car. The learnt state of the car is valid only with
+                        this file. With --no-learn each log has its own calibration;
+                        with --no-calibrate there is no calibration
+    DIR/logs/           results of the logs that are done. If the command is run again,
+                        even after it was killed, it reads these results, and estimates
+                        only logs that are new or have changed
 
     \b
     python -c "import pandas; print(pandas.read_parquet('results/fleet.parquet'))"
     duckdb -c "select car, stiffness, arg_max(value, start_time)
     from 'results/fleet.parquet' where usable <> 'no' group by all"
 
-    Exit code: 0 every log is usable; 4 no log is usable; 3 otherwise;
-    2 bad input; 130 Ctrl-C.
+    Exit code: 0 every log is usable; 3 only some logs or parts of logs are usable;
+    4 no log is usable; 2 bad input; 130 Ctrl-C.
     """
     import tse
 

@@ -24,7 +24,8 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-# Only the FMU of the estimator has this parameter. It serves to recognise this FMU
+# Name of a parameter that only the FMU of the estimator has. A file without this parameter
+# is not the FMU of the estimator
 EXACT_PARAMETER = "vehicle.exact"
 
 
@@ -75,7 +76,9 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            continue  # stays false (its start value): if true, the FMU would replace unset parameters
+            # stays false, its start value. If it were true, the FMU would use the
+            # parameters of the simulated car for all parameters that are not set
+            continue
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
             continue
@@ -160,8 +163,8 @@ def build(
     byte for byte. Files are written only after everything was built.
 
     By default there are two files for each model: one for FMI 2.0, which most tools read,
-    and one for FMI 3.0, because an FMU can only be of one version. Both compute the same
-    bits. The SSP system contains the FMUs for FMI 2.0.
+    and one for FMI 3.0, because an FMU can only be of one version. The results of the two
+    files are equal bit by bit. The SSP system contains the FMUs for FMI 2.0.
     """
     from tse.files import check_directory
     from tselab.fmu_build import FMI
@@ -198,7 +201,7 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
 
     In a tool that reads SSP systems, use OUT.ssv as the parameters of the estimator,
     instead of resources/vehicle.ssv of StiffnessStudy.ssp. A parameter that is not in
-    OUT.ssv keeps its start value, which is that of an ordinary car.
+    OUT.ssv keeps its start value: the value for an ordinary car.
     """
     import tse
     from tse.files import check_distinct, check_writable, write_atomically

@@ -35,12 +35,14 @@ class Platform:
     targets: tuple[str, ...]  # targets of zig; if there are several, their binaries are joined to one
 
     def folder(self, fmi: str) -> str:
-        """Return the name of the folder in binaries/."""
+        """Return the name of the folder in binaries/ that holds the binary of this
+        platform, in an FMU of this version of FMI."""
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
-        """Return the targets for which the binary is compiled. For FMI 3.0 this is a
-        single target, because each processor has a folder of its own."""
+        """Return the targets for which the binary is compiled. FMI 3.0 has a separate
+        folder for each processor, so that its binary is for one target only, the first.
+        FMI 2.0 has one folder for all processors of a system."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
@@ -64,8 +66,8 @@ LANGUAGE = {"C99": "-std=c99"}
 
 
 def get_native_platform(fmi: str = "2") -> str:
-    """Return the name of the platform of this machine. It is the name that the folder in
-    binaries/ has in an FMU of this version of FMI."""
+    """Return the name of the platform of this machine, as FMI 2.0 or 3.0 (`fmi`) defines
+    it for the folders in binaries/ of an FMU."""
     if fmi == "3" and (here := get_native_platform()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
@@ -75,7 +77,8 @@ def get_native_platform(fmi: str = "2") -> str:
 
 @dataclass(frozen=True)
 class Build:
-    """Content of the buildDescription.xml of an FMU."""
+    """How to compile an FMU, from its buildDescription.xml: name of the binary, source
+    files and compiler options."""
 
     identifier: str
     sources: tuple[str, ...]
@@ -129,8 +132,9 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
 def run_zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
     """Run the C compiler of ziglang in a folder.
 
-    `cache`: folder that keeps the C libraries of other platforms, which the compiler
-    builds from source in about a minute."""
+    `cache`: folder for the C libraries of other platforms. For a new platform the
+    compiler builds these libraries from source, which takes about a minute. Later runs
+    take them from the folder."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     done = subprocess.run(
@@ -250,7 +254,8 @@ def build(
 
 
 def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
-    """Run the CMake preset `fmu`. Return the folder with the content of the FMUs."""
+    """Run the CMake preset `fmu`. Return a folder that has a subfolder for each FMU, with
+    the files of this FMU, not packed yet."""
     if shutil.which("cmake") is None:
         raise Error("cmake is not installed: version 3.21 or later is needed")
     kind = [

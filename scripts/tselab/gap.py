@@ -76,7 +76,7 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # --help lists the options in the reverse of this order
+    ):  # the last option of this list comes first in --help
         command = take(command)
     return command
 
@@ -140,25 +140,26 @@ def run(**given: Any) -> int:
     tselab gap check log_*.csv --vehicle car.toml
 
     The single-track model is simulated with the logged steering angle and wheel speeds.
-    Its accel_x, accel_y and yaw_rate are compared with the measured ones. First, car and
-    road are fitted together. If bank or grade of the road can be determined from the
-    logs, the simulation uses them; all laps of the same road, also in held-out logs, have
-    the same bank and grade. Then sets of effects of the catalogue, and delays of
-    channels, are compared by their evidence, with a noise model for residuals that no
-    effect explains. An effect is named if its probability is at least 90 %. Held-out logs
-    do not influence the verdict. With --road, bank and grade are those of ROAD.csv, and
-    are not fitted.
+    The simulated accel_x, accel_y and yaw_rate are compared with the measured ones.
+    First, stiffness of the car and bank and grade of the road are fitted together. If
+    bank or grade can be determined from the logs, the simulation uses them. All laps of
+    the same road, also in held-out logs, have the same bank and grade. With --road, bank
+    and grade are read from ROAD.csv and not fitted. Then sets of effects of the
+    catalogue, and delays of channels, are compared by their Bayesian evidence. A noise
+    model describes residuals that no effect explains. An effect is named if its
+    probability is at least 90 %. Held-out logs do not influence the verdict.
 
     \b
-    DIR/verdict.json           the verdict, for programs
-    DIR/report.html            the same for people
+    DIR/verdict.json           the verdict as JSON
+    DIR/report.html            the verdict as a page with plots
     DIR/vehicle_improved.toml  stiffness and effects, for tselab estimate and simulate
-    DIR/effects.h              the same for C: a function that sets a tse_config
+    DIR/effects.h              stiffness and effects for C: a function that sets a
+                               tse_config
     DIR/road.csv               bank and grade of the road, if they were determined, for
                                --road; road_2.csv for a second road
-    DIR/formula.toml           a formula for what no effect of the catalogue explains,
-                               if one was found
-    DIR/tse_formula.h          the same for C
+    DIR/formula.toml           a formula for the residuals that no effect of the catalogue
+                               explains, if a formula was found
+    DIR/tse_formula.h          this formula for C
     DIR/residuals.parquet      residuals without and with the named effects, as means over
                                blocks of 40 ms
     DIR/gap.png                the residuals as a picture (if matplotlib is installed)
@@ -229,20 +230,21 @@ def _run(
     return found.exit_code
 
 
-@gap.command(cls=RunCommand, short_help="Find a formula for what no effect of the catalogue explains.")
+@gap.command(cls=RunCommand, short_help="Find a formula for residuals that no effect explains.")
 @add_run_options
 def discover(**given: Any) -> int:
-    """Find a formula for what no effect of the catalogue explains.
+    """Find a formula for the residuals that no effect of the catalogue explains.
 
     \b
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
-    This command does the same as 'tselab gap', but always searches for a formula. 'tselab
-    gap' does so only if the named effects leave a part of the residuals unexplained.
-    Candidate formulas from a library are added at the axles, at the body and in the
-    sensors. Those with the largest expected gain are simulated, and the stiffness is
-    fitted together with them. Longer formulas are penalised, and a formula that makes a
-    held-out log worse is rejected.
+    This command runs 'tselab gap', and always searches for a formula. 'tselab gap'
+    searches only if the named effects leave a part of the residuals unexplained.
+    Candidate formulas from a library are added to the model of the axles, the body and
+    the sensors. A linearised model shows how much each candidate would reduce the
+    residuals. The best candidates are simulated, and stiffness and named effects are
+    fitted together with them. Longer formulas are penalised, and a formula that makes
+    the residuals of a held-out log larger is rejected.
 
     DIR/formula.toml can be edited or written by hand; 'tselab formula' checks it. The
     lines [formula] file = "formula.toml" in a vehicle file add the formula to simulator,
@@ -277,8 +279,8 @@ def check(
     are the effects that would not be named, with the channels in which they would show.
 
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
-    part: only some effects would be; 4 nothing usable: none would be; 2 bad input. --json
-    prints the table as JSON, --table writes a row for each effect.
+    part: only some effects would be named; 4 nothing usable: no effect would be named;
+    2 bad input. --json prints the table as JSON, --table writes a row for each effect.
     """
     import tse
     from tse.files import check_distinct
@@ -356,11 +358,12 @@ def plan(
     \b
     tselab gap plan --separate relaxation,steering_lag --vehicle car.toml
 
-    A library of manoeuvres is simulated with one effect at its typical size. The other
-    effect is fitted to this simulation together with the stiffness. The remaining
-    difference distinguishes the effects. It is given as evidence in nats, for the sensor
-    noise of the vehicle file; 8 nats are enough. The same is done with the effects
-    exchanged, and the smaller evidence counts.
+    Each manoeuvre of a library is simulated with the first effect at its typical size.
+    The second effect is fitted to this simulation, together with the stiffness. The
+    difference that the fit leaves distinguishes the effects. It is printed as the log
+    likelihood ratio of the two effects in nats, for the sensor noise of the vehicle
+    file. Two effects count as distinguished from 8 nats on. Then the second effect is
+    simulated and the first is fitted, and the smaller of the two ratios counts.
     """
     import tse
 

@@ -90,9 +90,10 @@ def read_settings(
     """Check all settings of a command line, and return them by name.
 
     `options`: settings that have an option of their own, such as --seed; a value None
-    means that the option was not given. `pairs`: the values of --set, which override
-    `options`. If `simulator` is True, as in `tselab simulate`, settings of the simulator
-    are allowed, too, and `options` override `pairs`."""
+    means that the option was not given. `pairs`: the values of --set. If both give a
+    setting, the value of --set is used. `simulator`: True in `tselab simulate`. Settings
+    of the simulator are then allowed, too, and the value in `options` is used if both
+    give a setting."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -164,8 +165,8 @@ CALIBRATE = click.option(
 
 
 class _Form(click.Choice):
-    """Type of the option --form: one of FORMS. For the removed form "sampled", the error
-    message names its successor."""
+    """Type of the option --form: one of FORMS. The form "sampled" was removed. If it is
+    given, the error message names the form to use instead."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "sampled":
@@ -297,8 +298,8 @@ RESTART = click.option("--restart", is_flag=True, help="Discard runs that are al
 
 
 class Lazy(click.Command):
-    """A command with tables at the end of its --help. The tables are made only if --help
-    is given, because for them the C library must be loaded.
+    """A command with tables at the end of its --help. The functions that make the tables
+    load the C library, which takes time. They are called only if --help is given.
 
     Parameters
     ----------
@@ -328,6 +329,7 @@ class Lazy(click.Command):
 
 
 def check_range(name: str, value: float | None, low: float, high: float, unit: str) -> None:
-    """Raise Error if the value of an option is given and outside its range."""
+    """Raise Error if an option has a value outside its range. None: the option was not
+    given, and there is no error."""
     if value is not None and not low <= value <= high:
         raise Error(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")

@@ -13,8 +13,8 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-# Max number of printed signals that are proposed for no channel. With --all, all signals
-# are printed
+# Signals that are proposed for a channel are always printed. Of the remaining signals, at
+# most this many are printed. With --all, all signals are printed
 MAX_LISTED_SIGNALS = 80
 
 
@@ -64,16 +64,16 @@ def signals(
     For a channel without a proposed signal, the most similar signals are listed, each
     with the reason why it was not proposed.
 
-    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4),
-    BLF, ASC, TRC, candump, BUSMASTER and CSV with a frame per row (CANedge, Cabana,
-    SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra
-    ros), MAT (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may
-    be compressed with gzip.
+    Formats with signals: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra
+    mf4), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog (extra
+    openpilot). Formats with the frames of a bus, which need --database (extra can): BLF,
+    ASC, TRC, candump, BUSMASTER, and CSV with a frame per row (CANedge, Cabana, SavvyCAN,
+    python-can). A file of any format may be compressed with gzip.
 
-    Memory: channels are read one at a time, frames of a bus and rows of a CSV in pieces.
-    'tselab estimate' keeps the channels that it needs in memory. The following are read
-    as a whole: each variable of a MAT 5 file (a struct is one variable), a CSV with the
-    column names of tse, and a file of openpilot.
+    Memory: of a large log only a part is in memory at a time: one channel, or a block of
+    frames or CSV rows. 'tselab estimate' keeps the channels that it needs in memory. Read
+    as a whole are each variable of a MAT 5 file (a struct is one variable), a CSV with
+    the column names of tse, and a file of openpilot.
 
     Exit code: 0 a signal was found for every channel; 3 some channels
     are missing; 2 bad input.
@@ -106,8 +106,8 @@ def _format_signals(found: Signals, log_path: Path, every: bool) -> str:
     """Return the text that the command prints: a table of the signals, the proposed
     signals with the numbers that support them, missing channels, warnings and notes.
 
-    `every`: list all signals. Otherwise, of the signals that are proposed for no channel,
-    only the first MAX_LISTED_SIGNALS are listed."""
+    `every`: True: list all signals. False: list the signals that are proposed for a
+    channel, and the first MAX_LISTED_SIGNALS of the remaining signals."""
     from tse.tables import text_table
 
     rows = [["signal", "unit", "Hz", "min", "max", "missing", "proposed for"]]

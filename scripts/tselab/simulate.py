@@ -103,9 +103,10 @@ def simulate(
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6
     tselab simulate --maneuver straight --out log.csv --set true_bias_yaw_rate=0.01
 
-    With --road, bank and grade at each time are those of the road at the distance
-    travelled, and the log contains the position of the road at this distance. The
-    steering is that of the manoeuvre, and does not follow the bends of the road.
+    With --road, the simulator looks up the distance travelled in the road file. Bank and
+    grade at this distance act on the car, and the log contains the position of the road
+    at this distance. The manoeuvre alone determines the steering: the car does not follow
+    the bends of the road.
     """
     import tse
     from tse import tables

@@ -81,10 +81,10 @@ def montecarlo(
     the missing runs are done. Runs with different settings or a different library are not
     reused.
 
-    --study NAME+ekf adds an extended Kalman filter to the estimators of the study NAME,
-    which all get the same data. NAME+module.function adds a Python function of your own.
-    The function receives the log and the settings, and returns columns cx_front,
-    cx_front_sd ... (scripts/examples/own_filter.py).
+    --study NAME+ekf adds an extended Kalman filter to the estimators of the study NAME.
+    All estimators get the same simulated logs. NAME+module.function adds a Python
+    function of your own. The function receives the log and the settings, and returns
+    columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
@@ -180,7 +180,7 @@ def paper(
 
     The three filters are the paper's filter as printed, the same filter with settings
     that keep it from diverging, and the default filter. Every finished run is kept in
-    DIR/runs.jsonl. After Ctrl-C the same command continues from there. The command writes
-    paper.csv, paper.md, runs.csv and, with matplotlib, paper.png.
+    DIR/runs.jsonl. After Ctrl-C the same command continues with the remaining runs. The
+    command writes paper.csv, paper.md, runs.csv and, with matplotlib, paper.png.
     """
     _run_study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

@@ -21,9 +21,12 @@ INITIAL_SETTINGS = {
 }
 # [s] start and end of the interval of the drive in which errors are scored by default
 SCORED_WINDOW = (15.0, 30.0)
-LINEAR = 0.6  # max ratio of tyre force to friction limit at which a tyre counts as linear
+# Max ratio of the force of a linear tyre to the friction limit at which the tyre still
+# counts as linear
+LINEAR = 0.6
 
-# Functions that a case may have. Their arguments are explained at the fields of Case
+# Types of the functions in the fields build, corrupt and draw of Case. The comments at
+# these fields describe the arguments
 Builder = Callable[[Config, SimConfig, np.random.Generator], Maneuver]
 Corruption = Callable[[np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
 Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
@@ -66,7 +69,7 @@ class CaseDrive:
     truth: np.ndarray  # outputs of the simulator
     road: np.ndarray  # factor of the road on every stiffness, for each row
     corrupted: np.ndarray  # (rows,) whether the row was falsified so that it is unusable
-    about: dict[str, float]  # settings of the case, which override those of the user
+    about: dict[str, float]  # settings of the case; they override settings of the user
     config: Config  # settings of the estimator "tse"
     car: Config  # true parameters of the car
     sim: SimConfig
@@ -84,9 +87,10 @@ def simulate_case(
 ) -> CaseDrive:
     """Simulate the drive of a case with a seed.
 
-    `configure`: function of the settings of the case. It adds the user's settings, and
-    returns all settings of the estimator "tse". If both set the same setting, the value
-    of the case is used. `sim`: the user's settings of the simulator."""
+    `configure`: function that takes the settings of the case, adds the user's settings,
+    and returns all settings of the estimator "tse". If case and user give the same
+    setting, the value of the case is used. `sim`: the user's settings of the
+    simulator."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
     about: dict[str, float] = {**case.config, "seed": seed}
     car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})

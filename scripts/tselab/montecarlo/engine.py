@@ -141,15 +141,17 @@ def run_study(
 
     A line of runs.jsonl has the digest of a unit (Unit.mark), a checksum, and the
     scores. A line that is incomplete because the study was stopped has a wrong
-    checksum, and is ignored. Lines of other plans or of different code are kept, so that
-    these runs need not be repeated if such a plan runs again."""
+    checksum, and is ignored. The file may also have lines from runs with other settings
+    or with an earlier version of the code. These lines are not used, but they stay in
+    the file. If the earlier settings or code return, these runs need not be repeated."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
         path.unlink(missing_ok=True)
     done = read_runs(path, units)
     left = [u for u in units if u.mark not in done]
-    _append(path, "\n")  # ends the last line, which may be incomplete
+    # a stopped study may have left an incomplete last line: new lines start after it
+    _append(path, "\n")
     with tqdm(
         total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
     ) as bar:
@@ -211,7 +213,8 @@ def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
 
 
 def list_columns(study: str) -> list[str]:
-    """Return the names of the columns of runs.csv for a study."""
+    """Return the names of the columns of runs.csv for a study. Their number depends on
+    the events and windows of its cases."""
     names = list(KEYS)
     cases = _load_study(study).cases
     events = max(len(c.events) for c in cases) + 1

@@ -14,9 +14,9 @@ from tselab.montecarlo import peers
 from tselab.montecarlo.case import INITIAL_SETTINGS, CaseDrive
 from tselab.montecarlo.peers import Known
 
-# Variants of the robust form that were tried and not chosen. The estimator of a variant
-# is called robust-NAME. Key: NAME. Value: description, and the settings in which the
-# variant differs from the robust form.
+# Variants of the robust form that were tried and not chosen. The study "robust" compares
+# them with the robust form. The estimator of a variant is called robust-NAME. Key: NAME.
+# Value: description, and the settings in which the variant differs from the robust form.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
         "a single forgetting factor of 0.99, as in equation (17)",
@@ -110,9 +110,9 @@ def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]
 def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
     """Run a function of the user on a drive.
 
-    The function gets the log and all settings of tse. It returns stiffnesses and sds [N,
-    N/rad], named as the columns of EST.csv. These values are divided by the nominal
-    stiffnesses, because the other estimators also return such ratios."""
+    The function of the user gets the log and all settings of tse. It returns stiffnesses
+    and sds [N, N/rad], named as the columns of EST.csv. The result here has these values
+    divided by the nominal stiffnesses, as for all other estimators."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
@@ -141,13 +141,15 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
 
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
-    """Return the true covariances of a drive.
+    """Return the values of a drive that an extended Kalman filter gets: true noise sds,
+    forgetting factor, and times at which the road changes.
 
-    In the simulation, the spread (sd of a stiffness from sample to sample) is a fixed
-    ratio to the stiffness. `changes`: whether the filter uses the times of the changes.
-    If so, the ratio is returned, and the filter multiplies it by the stiffness that it
-    currently estimates. Otherwise the filter assumes a constant spread, so the ratio is
-    multiplied here by the initial stiffness."""
+    In the simulation, the spread (sd of a stiffness from sample to sample) is
+    proportional to the stiffness, with a fixed ratio. `changes`: True for the filter
+    "known", which uses the times at which the road changes. The filter "known" gets the
+    ratio, and multiplies it in each row by the estimated stiffness. The filter "ekf"
+    assumes a constant spread, so here the ratio is multiplied by the initial
+    stiffness."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

@@ -1,4 +1,4 @@
-"""An extended Kalman filter with the true covariances, with which tse is compared.
+"""An extended Kalman filter that has the true covariances. tse is compared with it.
 
 The state is z = (x, mu, b, eps), where x = (vel_x, vel_y, yaw_rate), mu is the mean
 deviation of the three stiffnesses from nominal, b are the sensor biases, and eps is the
@@ -12,10 +12,11 @@ row k and the motion until row k + 1:
 where y_k are the measurements, e_k is their white noise, h is observe() and f is move().
 Because eps_k is in both equations, process noise and measurement noise are correlated.
 The filter takes this correlation into account exactly, because eps_k is a part of its
-state. No library was found that does so.
+state. No library with such a filter was found.
 
-Equation numbers are those of src/EQUATIONS.md. Equations (1) to (4) are implemented here
-a second time, in numpy, and their derivatives are computed by complex steps.
+src/EQUATIONS.md has the equations with the numbers that are used here. Equations (1) to
+(4) are implemented here in numpy, independently of the C library. Their derivatives are
+computed by complex steps.
 """
 
 from dataclasses import dataclass
@@ -33,9 +34,9 @@ LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
-# The filter "known" assumes that a change of the road multiplies each stiffness by a
-# random factor. The sd of this factor has two parts. COMMON is the same for all three
-# stiffnesses, OWN is independent for each
+# The filter "known" assumes that a change of the road multiplies each stiffness by
+# 1 + a + b. a has the sd COMMON, and the same value for all three stiffnesses. b has the
+# sd OWN, and an independent value for each stiffness
 COMMON, OWN = 0.4, 0.1
 PEER_DTYPE = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
@@ -46,7 +47,7 @@ PEER_DTYPE = np.dtype(
 
 @dataclass(frozen=True)
 class Known:
-    """True values of the simulation that the filter gets."""
+    """Arguments of a filter: true values of the simulation, and the forgetting factor."""
 
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
@@ -99,8 +100,8 @@ def move(
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    # The decay rates are those of the nominal stiffness. The factor 1.5 allows for a
-    # larger stiffness
+    # along, across and yaw, divided by the speed, are the decay rates [1/s] of v_x, v_y
+    # and yaw rate at nominal stiffness. The factor 1.5 allows for a larger stiffness
     steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / MAX_STEP_PRODUCT), 1, 50))
     h = dt / steps
     for k in range(steps):
@@ -121,12 +122,14 @@ def _hold_inputs(u: np.ndarray) -> np.ndarray:
 def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two masks, by the rules of tse: the rows at which the states restart, and
-    the measurements that are used in each row.
+    """Return two masks: the rows at which the states restart, and the measurements that
+    are used in each row. The rules are the same as in tse.
 
-    No measurement is used at low speed, in reverse or with a large steering angle, where
-    the model is not valid, and none if an input is missing (`known` False). The states
-    restart after low speed, and after more than max_gap without inputs."""
+    At low speed, in reverse and with a large steering angle the model is not valid, and
+    no measurement is used. No measurement is used either in a row without steering angle
+    or wheel speed (`known` False). The states restart in each row at low speed, in each
+    row that is more than max_gap after the last row with inputs, and in the first row
+    after such rows."""
     time = np.cumsum(dt)
     slow = np.minimum(u[:, 1] * c.wheel_radius_front, u[:, 2] * c.wheel_radius_rear) < c.hold_speed
     last = np.maximum.accumulate(np.where(known, np.arange(len(time)), -1))
@@ -134,8 +137,8 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    # at a restart, the yaw rate of the state is set to the measured one, so the
-    # measurement must not be used again
+    # a restart sets the yaw rate of the state to the measured yaw rate. An update with
+    # the same measurement would use it twice
     usable[restart, 2] = False
     return restart, usable
 
@@ -150,7 +153,8 @@ def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray,
 
 
 def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
-    """Run the filter. Return the estimates after each row, stiffness relative to nominal.
+    """Run an extended Kalman filter on a log. Return the estimates after each row. The
+    stiffnesses are relative to nominal.
 
     `kind`: "ekf" has a forgetting factor. "known" has no forgetting factor, but increases
     the variance of the mean stiffness at the known times of changes. `rows`: inputs with
@@ -195,8 +199,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
         if is_known:
-            # the spread is proportional to the stiffness, as in the simulator. The new
-            # eps is not correlated with the other states
+            # the spread is proportional to the stiffness, as in the simulator. eps is
+            # drawn anew in each row, so that it does not correlate with the other states
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)

@@ -181,8 +181,11 @@ def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
 
 
 def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
-    """Draw the histogram of the mean error of the front cornering stiffness over the
-    runs, and the normal distribution with the same mean and sd."""
+    """Draw a histogram over the runs. The value of a run is the mean error of the front
+    cornering stiffness in the first window. Also draw the normal distribution with the
+    same mean and sd as these values.
+
+    `x`: the value of each run, in percent."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
     edges = np.linspace(-4.0, 4.0, 33)
     height = np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n
@@ -222,7 +225,8 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
     """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    if plan.study.base not in ("paper", "robust"):  # their own tables contain these scores
+    # the studies "paper" and "robust" have these scores in tables of their own
+    if plan.study.base not in ("paper", "robust"):
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)
     text = format_markdown(plan, facts, tables)

@@ -30,19 +30,20 @@ from tselab.montecarlo.peers import LOW_SPEED
 # An estimate has diverged if its relative error exceeds DIVERGED_ERROR for longer than
 # DIVERGED_FOR [s]
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
-# [s] time after the start, an event or a disturbance in which errors are not scored
+# [s] Errors are not scored for this time after the start of the drive, after an event,
+# and after a row that is falsified or has a tyre beyond its linear range
 SETTLE_AFTER = 10.0
-VALID_AFTER = 5.0  # [s] time after the start in which the valid flag is not scored
+VALID_AFTER = 5.0  # [s] the valid flag is not scored for this time after the start of the drive
 CLOSE = 0.10  # an estimate is right if its relative error is smaller than this
 # A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
 # clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
 CLEARLY = 2.0
 # [m/s] if a wheel speed is below this, the car drives in reverse, and no estimator learns
-# from the row; the same value as in src/estimator/filter.c
+# from the row; the same value as in src/paper/row.c
 REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
-# names of the shares of rows that score_run() returns, in the order in which it computes
-# them
+# names of the shares of rows that score_run() returns. Their order is the order of the
+# computation in score_run()
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # a change of regime counts as reported if its probability is at least this
 SCORED_STATES = ("vel_x", "yaw_rate")
@@ -51,7 +52,7 @@ DISTINCT = 0.5  # [s] reported changes with less time between them count as one 
 # start and AFTER seconds after the end of a true change
 BEFORE, AFTER = (0.15, 2.0)
 # OFF: if a stiffness with a larger relative error is flagged as valid, the flag is wrong.
-# OFF_FOR: [s] time after an event in which rows with a wrong flag are counted
+# OFF_FOR: [s] rows with a wrong flag are counted for this time after an event
 OFF, OFF_FOR = 0.20, 60.0
 # reasons for "not valid" that are correct if the stiffness is not observable
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
@@ -59,8 +60,9 @@ UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
 
 @dataclass
 class Knowable:
-    """How well the stiffnesses can be estimated in each of the n rows of a drive,
-    computed from the truth. The three columns of an array are the stiffnesses."""
+    """Best accuracy that is possible for the stiffnesses in each of the n rows of a
+    drive. It is computed from the true motion of the car. The three columns of an array
+    are the three stiffnesses."""
 
     best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
     # (n, 3) ratio of the true mean stiffness to nominal. If tyres saturate, the true
@@ -68,8 +70,9 @@ class Knowable:
     level: np.ndarray
     corrupted: np.ndarray  # (n,) whether the log was falsified
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
-    # (n,) whether at least SETTLE_AFTER has passed since the last event or disturbance,
-    # and at least SETTLE_AFTER and two memories since the start
+    # (n,) whether at least SETTLE_AFTER has passed since the start, since the last event
+    # and since the last row that is corrupted or beyond the linear range, and at least
+    # two memories since the start (memory: see the top of this file)
     settled: np.ndarray
     valid_sd: float  # setting of this name: max relative sd of a valid stiffness
     # (n, 3) as `level`, but averaged over all rows, also those beyond the linear range
@@ -207,14 +210,16 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
 
 
 def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Return for each row whether no time in `moments` lies in the `wait` seconds before
-    it. `moments`: [s] times in ascending order."""
+    """Return for each row whether at least `wait` seconds have passed since the last time
+    in `moments` before the row. True if there is no such time. `moments`: [s] times in
+    ascending order."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
 
 def find_knowable(d: CaseDrive, case: Case) -> Knowable:
-    """Compute from the truth how well the stiffnesses can be estimated in each row."""
+    """Compute from the true motion the best sd that an estimator can reach in each row,
+    and in which rows its errors count."""
     c = d.config
     phi, use = compute_regressors(d)
     wheels = np.column_stack(
@@ -252,8 +257,9 @@ def find_longest_run(flags: np.ndarray) -> int:
 
 
 def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
-    """Return the max number of judged rows in a stretch of consecutive wrong rows. Rows
-    that are wrong but not judged do not end a stretch."""
+    """Return the length of the longest stretch of consecutive wrong rows, counting only
+    rows that are judged, i.e. whose error counts. A wrong row that is not judged is not
+    counted, but does not end the stretch."""
     count = np.cumsum(np.concatenate([[0], wrong & judged]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong.astype(int), [0]])))
     return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
@@ -278,7 +284,8 @@ def compute_settling_time(
 
 
 def _compute_mean(x: np.ndarray) -> float:
-    """Return the mean over the rows that have an estimate. Refused rows have none."""
+    """Return the mean of the finite values, or NaN if there are none. A row that the
+    estimator refused has no estimate and therefore the value NaN."""
     x = x[np.isfinite(x)]
     return float(x.mean()) if len(x) else np.nan
 
@@ -295,7 +302,8 @@ def compute_log_time(d: CaseDrive) -> np.ndarray:
 
 def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
     """Return the times [s] of the regime changes that the estimator reports, on the time
-    axis of the drive. A change that several rows report is in the result only once."""
+    axis of the drive. If several rows report the same change, it is in the result only
+    once."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
@@ -307,10 +315,11 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes. Two scores are the numbers of reported changes
-    and of false changes. For each event there are three times [s]: the time until it is
-    detected; the time until all stiffnesses have settled; and the total time in which a
-    stiffness was flagged valid although its error was above OFF."""
+    """Return the scores of regime changes: the number of reported changes, the number of
+    false changes, and three times [s] for each event. The first is the time until the
+    event is detected. The second is the time until all stiffnesses have settled. The
+    third is the total time in which a stiffness was flagged valid although its error was
+    above OFF."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(

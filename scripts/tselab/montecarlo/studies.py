@@ -34,8 +34,8 @@ def drive_square_waves(
 ) -> Maneuver:
     """Return the paper's square waves of steering and torque.
 
-    `torque` [Nm]; None: the torque that causes LOW_SLIP. `road`: pairs of time [s] and
-    factor on every stiffness from then on."""
+    `torque` [Nm]; None: the torque that causes the slip LOW_SLIP. `road`: pairs of a time
+    [s] and the factor by which every stiffness is multiplied from this time on."""
     m = maneuvers.build(
         "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
     )
@@ -45,8 +45,8 @@ def drive_square_waves(
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
     """Return the torque [Nm] on the front axle that causes the constant slip `slip` of
-    this axle. It includes the torque that accelerates the front wheels and, through the
-    car, the rear wheels."""
+    this axle. The tyre force of the front axle accelerates the car and its rear wheels.
+    The torque must produce this force, and also accelerate the front wheels."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -99,8 +99,8 @@ SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # [Nm] torque on the front wheels, [s] its
 
 
 def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Return square waves in which the brakes lock the front wheels twice, for a second
-    each. Drive torque afterwards restores the speed."""
+    """Return square waves in which the brakes lock the front wheels twice, each time for
+    one second. After each locking, drive torque brings the car back to its speed."""
     m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
     for start in PULSES:
@@ -113,7 +113,7 @@ def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
 
 def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """Return square waves in which a large torque makes the front wheels spin twice.
-    Brake torque afterwards restores the speed."""
+    After each spinning, brake torque brings the car back to its speed."""
     m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque = m.wheel_torque_front.copy()
     for start in PULSES:
@@ -136,8 +136,8 @@ def drive_paper_waves(
     duration: float,
     road: tuple[tuple[float, float], ...],
 ) -> Maneuver:
-    """Return the paper's square waves. The initial state is drawn from the initial
-    distribution of the paper."""
+    """Return the paper's square waves. The true initial speed and lateral velocity are
+    drawn from the normal distribution that the paper assumes for them."""
     speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
     sim.vel_y = PAPER_SD * rng.standard_normal()
     return replace(drive_square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
@@ -200,8 +200,9 @@ SQUARE_WAVE_ACCEL = 1.0  # [m/s2] longitudinal acceleration in a part with squar
 
 
 def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
-    """Return ordinary driving without any event: random parts of lane keeping, square
-    waves, random steering and straight roads, with changes of speed between them."""
+    """Return ordinary driving without a change of the road: a random sequence of parts
+    (lane keeping, square waves, random steering, straight road). The speed changes
+    between the parts."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
@@ -236,13 +237,14 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
 
 
 # ---- Faults of logs. Each function changes the rows in place, and returns a bool for
-# each row: True if the row is unusable.
+# each row. True: the row is so wrong that errors of an estimator in it are not scored.
 
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of the four faults (dropout or frozen channel) in a log
-# [s] The faults are in consecutive slots of the log, one in each. FIRST: start of the
-# first slot. SLOT: length of a slot. JITTER: max time from the start of the slot to its
-# fault. In the remaining time of the slot the consequences of the fault are scored
+# [s] The log is divided into consecutive slots, and each slot has one fault. FIRST: start
+# of the first slot. SLOT: length of a slot. JITTER: max time from the start of a slot to
+# the start of its fault. Errors that a fault causes later are scored in the rest of its
+# slot
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
@@ -259,7 +261,7 @@ def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[
 
 
 def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """Remove the values of a channel in one interval for each duration of LENGTHS."""
+    """Remove the values of a channel in four intervals, with the durations LENGTHS."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = np.nan
@@ -268,8 +270,8 @@ def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, c
 
 
 def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """Let a channel repeat its last value in one interval for each
-    duration of LENGTHS."""
+    """Freeze a channel in four intervals, with the durations LENGTHS: in each interval it
+    repeats the last value before the interval."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = rows[channel][a - 1]
@@ -281,7 +283,8 @@ def add_outliers(
     time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
 ) -> np.ndarray:
     """Add outliers of `sigmas` standard deviations to a `share` of the samples of the
-    inertial channels. An estimator must cope with them, so no row counts as unusable."""
+    inertial channels. Errors of an estimator are scored also in rows with outliers, so
+    False is returned for every row."""
     default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
@@ -508,8 +511,9 @@ SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 def _make_regime_cases() -> tuple[Case, ...]:
     """Return the cases with changes of the road.
 
-    If the road changes in one step, the window of scored errors before the change ends
-    0.01 s before it, because the row at the change already has the new true stiffness."""
+    Errors are scored in one window before and one window after the change. If the road
+    changes in one step, the first window ends 0.01 s before the change, because the row
+    at the change already has the new true stiffness."""
     two = ("tse", "known")
     return (
         Case(
@@ -552,10 +556,11 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Return the cases of the paper. There are two for Sec. IV-A: with inputs that change
-    linearly between rows, and with inputs that are constant between rows. There are two
-    for Sec. IV-B, whose experiment is simulated: with an initial stiffness that is 20 %
-    too low, and with one that is 20 % too high."""
+    """Return the four cases of the paper. In the two cases for Sec. IV-A the inputs change
+    linearly between rows (iv-a), or are constant between rows (iv-a-held). Sec. IV-B
+    describes an experiment with a real car. The two cases for it simulate this
+    experiment, with an initial stiffness that is 20 % too low (iv-b-20) or 20 % too high
+    (iv-b+20)."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",

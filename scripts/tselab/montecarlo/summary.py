@@ -1,5 +1,5 @@
-"""Make tables from the scores of all runs, with a line for each case and estimator, and
-confidence intervals."""
+"""Make tables from the scores of all runs. The runs of a case and estimator are combined
+in one line, with means and confidence intervals."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -106,9 +106,9 @@ def select_runs(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
 
 
 def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
-    """Return the line of one case and estimator.
+    """Return the line of one case and estimator: its scores, combined over the runs.
 
-    `part`: its runs."""
+    `part`: scores of all runs of this case and estimator."""
     n = len(part)
     line: dict[str, float] = {
         "runs": n,
@@ -158,9 +158,11 @@ def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
-    """Return a share [%] over all rows of all runs. NaN: the denominator is 0.
+    """Return a share [%]: the sum of its numerators over all runs, divided by the sum of
+    its denominators. NaN: the denominator is 0.
 
-    `keys`: stiffnesses that are pooled. `share`: one of scores.SHARES."""
+    `keys`: stiffnesses over which the sums are taken, too. `share`: one of
+    scores.SHARES."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
     among = sum(part[f"{k}_{share}_of"].sum() for k in keys)
     return 100 * count / among if among else np.nan
@@ -182,10 +184,11 @@ def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") ->
 
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
-    """Return two cells with settling times after an event. First cell: time until the
-    error stays below CLOSE for SETTLED_FOR. Second cell: time until it stays below CLOSE
-    up to the next event. Each cell has the median of the runs and, in brackets, the max.
-    Both are times of the stiffness that settles last."""
+    """Return two cells with settling times [s] after an event. First cell: time until the
+    error stays below CLOSE for SETTLED_FOR. Second cell: time until the error stays below
+    CLOSE up to the next event. Each cell has the median of the runs and, in brackets, the
+    max. Median and max are computed for each stiffness, and the largest of the three
+    values is printed."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -286,7 +289,7 @@ SETTLING_NOTE = (
 
 
 def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return the tables that only the study of `plan` has.
+    """Return the tables that are made only for the study of `plan` and for no other.
 
     `runs`: the scores of all runs. `summary`: from summarise()."""
     of_study = {
@@ -301,8 +304,8 @@ def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) ->
 
 
 def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
-    """Return a table of the settling times after each change of the road; no table if
-    there are no changes."""
+    """Return a list with one table: the settling times after each change of the road. The
+    list is empty if no case has such a change."""
     rows = [
         [case.name, line["estimator"], f"{event:g} s", *format_settling(line, n)]
         for case in plan.study.cases
@@ -318,7 +321,7 @@ PAPERS = ("printed", "robust", "tse")
 
 def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """Return a table that compares the numbers in the paper with the results of three
-    filters."""
+    filters: the paper's filter as printed, its robust form, and the default filter."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
@@ -564,7 +567,7 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                     for k in STIFFNESS
                 ]
                 if not np.isfinite(pairs).any():
-                    continue  # one of the two estimators has no such scores
+                    continue  # one of the two estimators has no finite error in this window
                 cells = [
                     f"{compute_rms_ratio(p):.2f} "
                     f"({' .. '.join(map(format_number, bootstrap_interval(p, compute_rms_ratio)))})"
@@ -652,7 +655,8 @@ def _format_rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
 
 
 def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
-    """Return a table of the reported and false changes of regime."""
+    """Return a table of the changes of regime that the estimators reported, and of those
+    among them that are false."""
     known = runs[runs["changes"].notna()]
     rows = [
         _format_rate(case.name, name, part)
