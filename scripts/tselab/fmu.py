@@ -24,8 +24,8 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-# Name of a parameter that only the FMU of the estimator has. A file without this parameter
-# is not the FMU of the estimator
+# Name of a parameter that only the FMU of the estimator has. A file without this
+# parameter is not the FMU of the estimator
 EXACT_PARAMETER = "vehicle.exact"
 
 

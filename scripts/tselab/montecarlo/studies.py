@@ -556,9 +556,9 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Return the four cases of the paper. In the two cases for Sec. IV-A the inputs change
+    """Return the four cases of the paper. In the cases for Sec. IV-A the inputs change
     linearly between rows (iv-a), or are constant between rows (iv-a-held). Sec. IV-B
-    describes an experiment with a real car. The two cases for it simulate this
+    describes an experiment with a real car. The cases for Sec. IV-B simulate this
     experiment, with an initial stiffness that is 20 % too low (iv-b-20) or 20 % too high
     (iv-b+20)."""
     waves = Case(
