@@ -2,18 +2,19 @@
  * ..._latency): compose a row whose channels refer to the same time.
  *
  * L is the latency of the latest channel, or 0 if no channel is late. At the time `now`
- * all channels are known up to now - L. The composed row refers to that time, or to the
- * last row of accel_x before it (latencies.c). Channel c is interpolated linearly between
- * the stored rows, at the time now - latency_age[c]. dt of a composed row is the time
- * since the composed row before it.
+ * all channels are known up to now - L. The composed row refers to this time or, so that
+ * accel_x need not be interpolated, to the last row of accel_x before this time
+ * (latencies.c). Channel c is interpolated linearly between the stored rows, at the time
+ * now - latency_age[c]. dt of a composed row is the time since the previous composed row.
  *
- * White noise that is interpolated between two rows with weights w and 1 - w has its
- * variance multiplied by w^2 + (1 - w)^2. The lost part, 2 w (1 - w), becomes correlation
- * with the neighbouring rows: at the low frequencies from which stiffness and biases are
- * estimated, the noise is as large as before. The sd of a channel therefore remains that
- * of the settings. With the smaller variance, a filter that assumes independent rows
- * would be overconfident and take the correlated noise for a disturbance. The default
- * filter estimates the noise variance of a channel from the composed rows. */
+ * Interpolation between two rows with the weights w and 1 - w multiplies the variance of
+ * white noise by w^2 + (1 - w)^2. The lost share, 2 w (1 - w), becomes correlation with
+ * the neighbouring rows. At the low frequencies from which stiffness and biases are
+ * estimated, interpolation does not reduce the noise. The filter therefore uses the noise
+ * sd of the settings also for interpolated values. With a smaller sd, a filter that
+ * assumes independent rows would be overconfident and take the correlated noise for a
+ * disturbance. The default filter estimates the noise variance of a channel from the
+ * composed rows. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -23,7 +24,9 @@
                               * are rounded. At a jerk of 50 m/s3, as in an emergency
                               * manoeuvre, a channel changes by 0.001 m/s2 in this time */
 
-#define MAX_HOLE TSE_R(0.1) /* [s] max time between two values of a channel that is not in each row */
+/* [s] If a channel is missing in some rows, it is interpolated between two of its values that
+ * are at most this far apart. */
+#define MAX_HOLE TSE_R(0.1)
 
 /* Return the index in the ring of the row before or after the one at index `at`. */
 static int32_t get_previous_index(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
@@ -83,12 +86,13 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, the n-th newest, and the row before it. If
- * the row that is nearer in time lacks the channel, the result is missing. If only the
- * other row lacks it, search beyond that row for the next row that has the channel, and
- * interpolate between it and the nearer row. If there is none within MAX_HOLE, take the
- * value of the nearer row. A channel that is logged in every second row is thus known
- * in every second row.
+/* Interpolate channel c between row `at`, the n-th newest, and the row before it. One of
+ * these two rows is nearer to the requested time. If the nearer row has no value of the
+ * channel, the result is missing. If only the farther row has no value, search on in its
+ * direction for a row that has a value, and interpolate between this row and the nearer
+ * row. If no such row is within MAX_HOLE of the nearer row, take the value of the nearer
+ * row. The result: a channel that is logged in every second row is known in every second
+ * composed row.
  *   Given:     share  weight of the newer row
  *   Returned:  as read_channel() */
 static int interpolate_rows(
@@ -144,8 +148,9 @@ static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  /* optional channels are those of the newest row: the latency of a velocity is part of
-   * the model (velocity_late), and a given road changes little within 0.2 s */
+  /* optional channels are copied from the newest row, without interpolation: the model
+   * takes the latency of a velocity into account (velocity_late), and grade and bank
+   * change little within 0.2 s */
   row->given = u->given;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);

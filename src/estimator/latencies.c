@@ -2,9 +2,9 @@
  * latencies of the channels. */
 #include "estimator/settings.h"
 
-/* Number of rows stored in addition to the span of the latencies: one before it, one
- * after it, and two because rows may be closer together than the sample time. If two more
- * rows are stored for a span of 28 sample times, rows may be 7 % closer together. */
+/* Number of rows stored in addition to the span of the latencies: one before the span,
+ * one after the span, and two because rows may be closer together than the sample time.
+ * For a span of 28 sample times, these two allow for rows that are 7 % closer together. */
 #define ROWS_TO_SPARE 4
 
 #if TSE_LATENCY_ROWS == 0
@@ -41,11 +41,12 @@ typedef struct reading_time {
 
 /* Compute the time to which a processed row refers: the newest time at which all channels
  * are known or, if rows are sample_time apart, the last row of accel_x before that time.
- * accel_x is then not interpolated. The reason is that interpolated noise is correlated
- * with that of the neighbouring rows, and v_x follows this noise: interpolation of
- * accel_x by half a row biased the longitudinal stiffness by 8 %, and the filter took the
- * noise for a disturbance. Noise of accel_y and of the gyro has no such effect
- * (tests/lab/test_latency.py). If all three come from one IMU, none is interpolated. */
+ * accel_x is then not interpolated. Interpolation would correlate the noise of accel_x in
+ * successive rows, and v_x would follow this noise. In a test, interpolation of accel_x
+ * by half a row biased the longitudinal stiffness by 8 %, and the filter took the noise
+ * for a disturbance. Interpolated noise of accel_y and of the gyro has no such effect
+ * (tests/lab/test_latency.py). If accel_x, accel_y and yaw rate come from one IMU, they
+ * have the same latency, and none of them is interpolated. */
 static reading_time compute_reading_time(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
@@ -81,7 +82,8 @@ void prepare_latencies(const tse_config *c, tse_params *p)
   read_latencies(c, latency);
   const reading_time r = compute_reading_time(c, latency);
   p->latency = real_of(r.age);
-  p->velocity_late = real_of(c->velocity_latency - r.age); /* velocities are those of the newest row */
+  /* a composed row has the velocities of the newest row (align.c), which is `age` later */
+  p->velocity_late = real_of(c->velocity_latency - r.age);
   p->latency_span = real_of(r.span);
   p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);

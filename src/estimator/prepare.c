@@ -7,17 +7,22 @@
 #include "tables/copies.h"
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
-#define MIN_WHEEL_SD TSE_S(0.012) /* [m/s] min sd of the noise of a wheel speed */
-/* [m] Min relaxation length. With a shorter one the slip angle settles within
- * one substep at 10 m/s. */
+/* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m. It is
+ * used if wheel_noise_sd is smaller, for example 0, the default. */
+#define MIN_WHEEL_SD TSE_S(0.012)
+/* [m] Min relaxation length. If the length is shorter, the slip angle settles within one
+ * substep even at 10 m/s, so that a shorter length would hardly change the result. */
 #define MIN_RELAXATION TSE_S(0.05)
-#define MIN_RADIUS_SD TSE_R(0.002) /* [1] min prior sd of the relative front wheel radius, which
-                                    * changes with pressure and temperature. Even a quarter of
-                                    * this sd is half the slip of steady driving */
-#define DEFAULT_ROLLING TSE_S(0.01) /* [1] rolling resistance of a freely rolling axle if its setting is 0 */
+/* [1] Min prior sd of the ratio of the wheel radii, which changes with pressure and
+ * temperature. The ratio is estimated in every car, because even a small error looks like
+ * slip: an error of 0.0005, a quarter of this sd, is half the slip of steady driving. */
+#define MIN_RADIUS_SD TSE_R(0.002)
+/* [1] Rolling resistance coefficient of a freely rolling axle if its setting is 0: a usual
+ * value of car tyres. */
+#define DEFAULT_ROLLING TSE_S(0.01)
 
-/* Mix a word into the FNV-1a fingerprint h. The fingerprint detects a filter that was
- * reset with other parameters. */
+/* Mix a word into the FNV-1a fingerprint h (a hash). A filter stores the fingerprint of
+ * the parameters with which it was reset, and a step with other parameters is refused. */
 static uint32_t mix_word(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {
@@ -65,12 +70,13 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
   const uint64_t on = find_active_effects(c)
-      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* kinematics are exact in every filter */
+      /* has no influence here: the default filter always has exact kinematics */
+      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics);
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* this setting counts only if it is not 0: states saved before it
-     * existed then stay valid */
+    /* tyre_saturation_balance was added later. If it is 0, it does not change the
+     * fingerprint, so that states saved by older versions stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
     h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
@@ -116,22 +122,29 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 }
 
 #if defined(TSE_REAL_FIXED)
-/* Limits of the constants in fixed point. The unit sigma is the sd of a sensor.
- * Covariances in sigma^2 contain squares of the limited quantities, and are at most
- * FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10. A variance that is added in
- * each row must be at least one step. */
-#define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car, which is
-                                       * enough for a slip of 10 % and a stiffness error of 30 % */
-#define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */
-/* [sigma^2] max initial variance of a bias, and its max increase per second */
-#define MAX_BIAS_VAR TSE_R(16777216)
-#define MAX_NOISE TSE_R(65536) /* [1] max of noise_max squared */
+/* Limits of the constants of a filter in fixed point (check_range()). The unit sigma is
+ * the sd of a sensor. Covariances in sigma^2 contain squares of the limited quantities, and
+ * must not exceed FIXED_MOST, 2^27 (1.3e8), at which numbers saturate. One step of the
+ * format is 2e-10. A variance that is added in each row must be at least one step. */
 
-/* Return whether the increment per row of a positive rate is rounded to 0, because it is
- * less than a step of the format. */
+/* [sigma per unit of slip] Max change of an accelerometer value by slip; 230 times the
+ * value of the default car. At this limit a slip of 10 % together with a stiffness error of
+ * 30 % causes an error of 3900 sigma, whose square is below FIXED_MOST. Also the max of
+ * tse_params.damping times the longest step [m/s]. */
+#define MAX_SIGNAL_GAIN TSE_R(131072)
+/* [sigma] Max initial sd of the yaw rate; its square is below FIXED_MOST. Also the max of
+ * (mass times distance of an axle)/(yaw inertia) [1/m]. */
+#define MAX_START TSE_R(4096)
+/* [sigma^2] Max initial variance of a bias, and max increase of this variance per second. */
+#define MAX_BIAS_VAR TSE_R(16777216)
+/* [1] Max of the square of the setting noise_max. */
+#define MAX_NOISE TSE_R(65536)
+
+/* Return whether rate times dt, the increase in one row, is rounded to 0 although the rate
+ * is positive. */
 static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
-/* Check that the constants are within these limits.
+/* Check that the constants of a filter are within the limits MAX_SIGNAL_GAIN ... above.
  *   Returned:  TSE_OK; or TSE_E_FORMAT and *wrong, the name of a setting to change */
 static tse_status check_range(const tse_params *p, const tse_config *c, const char **wrong)
 {
@@ -163,7 +176,7 @@ static tse_status check_range(const tse_params *p, const tse_config *c, const ch
 }
 #endif
 
-/* Copy the settings that are used as they are. */
+/* Copy the settings that are constants of the filter without any computation. */
 static void prepare_copies(const tse_config *c, tse_params *p)
 {
   for (size_t i = 0; i < sizeof copied / sizeof copied[0]; i++) {
@@ -173,7 +186,9 @@ static void prepare_copies(const tse_config *c, tse_params *p)
     memcpy((uint8_t *)p + copied[i].to, &constant, sizeof constant);
   }
 #if !defined(TSE_NO_VELOCITY)
-  p->extra_sd[0] = TSE_R(1); /* heading; any value, because the first course sets it */
+  /* prior sd of the heading. Any value will do: the first measured course sets heading and
+   * sd (set_heading() in velocity.c) */
+  p->extra_sd[0] = TSE_R(1);
 #endif
 }
 
@@ -252,8 +267,8 @@ static void prepare_readings(const tse_config *c, tse_params *p)
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Compute the means and sds of the initial state that are not
- * plain copies of a setting. */
+/* Compute means and sds of the initial state from the settings. prepare_copies() has
+ * copied those that are equal to a setting. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
@@ -275,7 +290,7 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->log_max = logarithm(real_of(c->stiffness_max));
 }
 
-/* Compute the car model of form 0 and the prior of its filter.
+/* Compute the car model and the prior of the default filter, the Kalman filter.
  *   Given:    c  settings, with CONSTANT effects applied
  *   Updated:  p  already has stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
@@ -312,8 +327,9 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Compute times and limits of a row. For form 1 also compute the max and min integration
- * step, and the damping rate of the car, from which the step is computed in each row. */
+/* Compute times and limits of a row. For the particle filter (form 1) also compute the
+ * longest and shortest integration step, and the fastest damping rate of the car, from
+ * which it computes the step in each row. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
@@ -334,9 +350,9 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(compute_square(c->valid_sd));
 }
 
-/* Compute prior, memory and limits of the particle filter (form 1). Also compute the
- * constants of the ageing of a learnt state (learnt_floor, learnt_walk), for both
- * forms. */
+/* Compute prior, memory and limits of the particle filter (form 1). For both filters
+ * compute learnt_floor and learnt_walk, which determine the variance of a stiffness that is
+ * loaded from a learnt state. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = compute_square(c->initial_spread);
@@ -361,8 +377,8 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->steady_walk = real_of(compute_square(c->steady_walk));
 }
 
-/* Compute all constants of a filter. A function that uses results of another
- * one is called after it.
+/* Compute all constants of a filter. The order of the calls matters: some functions use
+ * constants that an earlier function has computed.
  *   Given:  settings  checked by tse_config_check() */
 static void make_params(const tse_config *settings, tse_params *p)
 {

@@ -138,8 +138,8 @@ void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
         & 0xffu);
 }
 
-/* Return whether the user's formula results in one value, and fits into
- * stack and memory. */
+/* Return whether the user's formula is valid: it leaves exactly one value on the stack,
+ * and does not need more stack or more stored values than a filter has. */
 static int is_formula_valid(const tse_config *c)
 {
 #if defined(TSE_FORMULA) /* it is compiled in: the settings must have no program */
@@ -165,8 +165,9 @@ static int is_formula_valid(const tse_config *c)
 }
 #endif
 
-/* Replace settings that are 0 by the values of the vehicle class, in a copy. Return the
- * first setting of the copy that is out of range, or NULL. */
+/* Make a copy of the settings in which the values of the vehicle class replace settings
+ * that are 0. Return the name of the first setting of the copy that is out of range, or
+ * NULL. */
 static const char *find_outside_of_class(const tse_config *c)
 {
   tse_config whole = *c;

@@ -25,8 +25,8 @@ void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS]);
  *              first latency that is not 0 */
 tse_status check_latencies(const tse_config *c, const char **wrong);
 
-/* latencies.c: compute the age of a row when it is processed, and the age of the value of
- * each channel in it. */
+/* latencies.c: compute how old a row is when it is processed (latency), and how old the
+ * value of each channel is that this row contains (latency_age). */
 void prepare_latencies(const tse_config *c, tse_params *p);
 
 #endif

@@ -65,11 +65,12 @@ typedef struct kind {
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX by
- * the same share as the cornering stiffness. It also adds to LCX an sd of twice the
- * longitudinal model error, once for the old and once for the new tyres. UNUSED: the
- * table gives no states. The states of EVENT_ROAD_RETURN are set by open_slot(). A faulty
- * sensor shifts no state, only its own measurements (events_learn()). */
+/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX, the
+ * logarithm of the longitudinal stiffness, by the same share as the cornering stiffness.
+ * It also adds to LCX an sd of twice the longitudinal model error, once for the old and
+ * once for the new tyres. UNUSED marks kinds without states in this table: open_slot()
+ * sets the states of EVENT_ROAD_RETURN, and a faulty sensor shifts no state, only its own
+ * measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -182,7 +183,8 @@ static event_posterior integrate_second(const tse_kalman *k, int n)
   return s;
 }
 
-/* If the event is a return to the previous road, its amplitude is known: 1. */
+/* See filter.h. If the event is a return to the previous road, its amplitude is known: it
+ * is 1, with the variance 0. */
 event_posterior compute_posterior(const tse_kalman *k, int n)
 {
   const int known = k->event[n].kind == EVENT_ROAD_RETURN;
@@ -282,10 +284,11 @@ static tse_real penalise_stiffer(
 
 /* Return log2 of the ratio of two likelihoods: that the event in slot n has happened,
  * and that no event has. If the event is a faulty sensor, the result is at least the
- * evidence that the sensor is frozen (tse_kalman.frozen). For SETTLE_TIME after a change
- * of tyres innovations are large until the new stiffness is found. Until then the ratio
- * that follows from the innovations is at most 0, so that they do not make a fault more
- * likely than no event. */
+ * evidence that the sensor is frozen (tse_kalman.frozen). After a change of tyres
+ * innovations are large until the new stiffness is found. For SETTLE_TIME after the
+ * change the result is therefore limited to 0, so that large innovations do not make a
+ * fault more likely than no event. The limit does not apply to the evidence that a sensor
+ * is frozen. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -322,7 +325,9 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 {
   tse_real *const weight = k->weight, *const none = k->none;
   for (int group = 0; group < TSE_GROUPS; group++) {
-    tse_real largest = TSE_R(0), sum; /* until they are normalised, weights are relative to the largest */
+    /* log2 of the largest weight. All weights are divided by the largest one before they are
+     * added, so that the sum does not overflow */
+    tse_real largest = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
       if (!is_event(a)) weight[n] = ratio[n] = TSE_R(0);
@@ -346,8 +351,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
   }
 }
 
-/* Return whether a state is constant, i.e. not estimated. Only the grip can be: if its
- * prior sd is 0. */
+/* Return whether a state is constant, i.e. not estimated. Only the grip (LMU) can be
+ * constant. It is constant if its prior sd is 0. */
 static int is_constant(const tse_params *p, int32_t state)
 {
   return state == LMU && !(p->prior_sd[LMU] > TSE_R(0));
@@ -379,8 +384,9 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Update the filter with a pseudo-measurement of state i: the value and variance that the
- * state had before the last change. */
+/* Update the filter with a pseudo-measurement of state i, a stiffness or the grip. Value
+ * and variance of this measurement are those that the state had on the previous road,
+ * before the last change. */
 static void recall_state(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
@@ -406,14 +412,15 @@ int can_return(const tse_kalman *k)
       || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind: a free slot, otherwise the slot of the
- * oldest event. If a kind has several slots, its most likely event keeps its slot for
- * ROAD_TIME, because on a drive with few bends the evidence of one second is not enough
- * for a decision. An event that is not accepted by then is taken for drift or model
- * error. A change of an axle also keeps its slot for ROAD_TIME, as long as it is more
- * likely than no event.
+/* Find a slot for the next event of a kind. Take a free slot. If no slot is free, take the
+ * slot of the oldest event. If a kind has several slots, its most likely event keeps its
+ * slot for ROAD_TIME, because on a drive with few bends the evidence of one second is not
+ * enough for a decision. An event that is not accepted within ROAD_TIME is probably drift
+ * or model error, and loses its slot. A change of an axle also keeps its slot for
+ * ROAD_TIME, as long as it is more likely than no event.
  *   Given:     first  first slot of the kind
- *              due    [s] no event is opened while the youngest of the kind is younger
+ *              due    [s] min age of the youngest event of the kind before a slot with an
+ *                     event is taken
  *   Returned:  the slot; -1 if no event is to be opened now */
 static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
@@ -469,15 +476,16 @@ static void add_rank_one(
 }
 
 /* Add the independent variances of a kind (kind.own) to the covariance. For a change of
- * tyres also add (OWN_SHARE times the step of the stiffness)^2: earlier updates were
- * linearised at the old stiffness, and this is the variance of their error.
+ * tyres also add (OWN_SHARE times the step of the stiffness)^2. This is the variance of
+ * the linearisation error: earlier updates were linearised at the old stiffness.
  *   Given:  was     stiffness and grip before the step
  *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = get_kind(which);
-  const int axle = which == EVENT_REAR; /* 0, 1: the step is that of the front, rear stiffness */
+  /* axle whose stiffness gives the step: 0 front (for a change of the road, too), 1 rear */
+  const int axle = which == EVENT_REAR;
   const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
                                                : TSE_R(0);
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
@@ -500,8 +508,9 @@ static tse_real compute_merge_weight(const tse_kalman *k, int n)
   return weight < MIN_WEIGHT ? TSE_R(0) : weight;
 }
 
-/* Replace the state by the mean and variance of a mixture: with the probability `weight`
- * event n has happened, otherwise the state is as before. */
+/* Replace the state by the mean and variance of a mixture of two distributions: the state
+ * after event n, with the probability `weight`, and the state without the event, with the
+ * probability 1 - weight. */
 static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const event_posterior s = compute_posterior(k, n);
@@ -601,10 +610,11 @@ static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_re
   return best;
 }
 
-/* Merge the accepted event n into the state. If it is a change of tyres, also merge the
- * other possible changes of tyres, because what looks like a change of an axle may have
- * been a change of the road. Each is merged with its share of the probability, unless
- * this share is below 1 - BELIEVED. */
+/* Merge the accepted event n into the state. A change of the road can look like a change
+ * of the tyres of one axle, and vice versa. If n is a change of tyres, the most probable
+ * event of each of the three kinds (road, front axle, rear axle) is therefore merged, with
+ * its share of the sum of the three probabilities. A kind with a share below 1 - BELIEVED
+ * is left out. */
 static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,

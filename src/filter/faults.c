@@ -2,11 +2,11 @@
  * faulty channel has agreed with the prediction again. */
 #include "filter/filter.h"
 
-/* The evidence is -log2 of the probability that a working channel repeats its value so
- * often. Each repeated value adds -log2(probability of a repeat) min(nis, 1). A new value
- * resets the evidence to 0. The probability of a repeat is the largest of three numbers:
- * the share of repeats among all values, their share among the values that follow a
- * repeat, and `least`. */
+/* See filter.h. The evidence is -log2 of the probability that a working channel repeats
+ * its value as many times as this channel has now repeated it. Each repeated value adds
+ * -log2(probability of a repeat) min(nis, 1). A new value resets the evidence to 0. The
+ * probability of a repeat is the largest of three numbers: the share of repeats among all
+ * values, the share of repeats among the values that follow a repeat, and `least`. */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int is_repeat = !(z < k->reading[c] || z > k->reading[c]);
@@ -28,8 +28,9 @@ int is_usable(const tse_kalman *k, int channel)
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
 
-/* The yaw rate contradicts the angle if the square of the slow (low-passed) innovation of
- * the yaw rate in the previous row exceeds TAIL times its usual value. */
+/* See filter.h. The yaw rate contradicts the steering angle if the low-passed innovation of
+ * the yaw rate (tse_kalman.slow) was too large in the previous row: if its square exceeds
+ * TAIL times its usual mean square. */
 int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], MIN_SLOW_VAR));
@@ -42,8 +43,9 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* The channel agrees with the prediction if e^2 < TAIL S and it is not frozen. The
- * variance S of the innovation is here without the part due to consider parameters. */
+/* See filter.h. The channel agrees with the prediction if e^2 < TAIL S and the channel is
+ * not frozen. e is the innovation, S its variance. S does not include the part due to
+ * consider parameters here. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];

@@ -27,15 +27,16 @@ enum { ROLLS_UNKNOWN, ROLLS_NONE, ROLLS_FRONT, ROLLS_REAR };
  * YAW_RATE, WHEEL_FRONT, WHEEL_REAR. */
 typedef struct decoded {
   tse_real dt;              /* [s] time since the previous row */
-  tse_real steer;           /* [rad] logged steering angle; the last logged one if it is missing */
+  tse_real steer;           /* [rad] steering angle of the row or, if it is missing, of an earlier row */
   tse_real z[TSE_SENSORS];  /* measurements, SI; wheel speeds times wheel radius [m/s]; 0 if not used */
   tse_real axle[2];         /* [m/s] front and rear wheel speed as logged, times wheel radius */
   int32_t use[TSE_SENSORS]; /* 1: the measurement is used */
   int32_t has_steer;        /* 1: the steering angle is given */
   int32_t used;             /* number of IMU channels used */
   int32_t equal;            /* 1: both wheel speeds are equal */
-  int32_t same;             /* 1: both wheel speeds are equal, or have the same ratio as before */
-  int32_t off[2];           /* 1: the wheel speed of this axle is new, and not a copy of the other one */
+  int32_t same;             /* 1: both wheel speeds are equal, or have the ratio tse_filter.ratio */
+  int32_t off[2];           /* 1: the wheel speed of this axle has changed since the previous row, and is
+                             * not a copy of the wheel speed of the other axle */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
   int32_t no_second;        /* 1: only one speed is measured. Slip is computed from the force */
   tse_real optional[TSE_OPTIONALS]; /* optional channels; 0 if not given */
@@ -101,7 +102,8 @@ typedef struct row_class {
   int gap;       /* 1: the motion cannot be predicted from the previous row to this one */
   int sparse;    /* 1: gaps are frequent */
   int held;      /* 1: the car is slow or in reverse, or steers by a large angle */
-  int predicted; /* 1: no steering angle, no IMU channel, or no wheel speed for long */
+  int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is lost
+                  * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
   int no_second; /* 1: only one speed is measured (decoded.no_second) */
   int rolls;     /* freely rolling axle: ROLLS_* */
 } row_class;
@@ -369,7 +371,7 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z);
  *   Given:     z      this row
  *              speed  [m/s] magnitude of the speed of the faster axle or, without wheel
  *                     speeds, |v_x|
- *   Updated:   f->way
+ *   Updated:   f->way  log odds of reverse, and the data from which they follow
  *   O(1) time */
 int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed);
 
@@ -386,8 +388,8 @@ STAGE void check_agreement(
 
 /* Return the number of the channel that contradicts the others, as
  * in fault_channel, or 0.
- *   Returned:  *factor  factor by which this channel is too large; 0 if a factor does not
- *                       explain the contradiction */
+ *   Returned:  *factor  factor by which this channel is too large. 0: the error of the
+ *                       channel is not a factor, for example a latency */
 int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor);
 
 /* --------------------------------------------------------------------------- output.c */

@@ -89,9 +89,9 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
 }
 
 /* Report stiffness, grip and model discrepancy. The relative variance of a
- * stiffness includes that of the model error. While velocities are used the sd of
- * the model error counts as larger, because the covariance then shrinks faster than
- * the model error allows. */
+ * stiffness includes the variance of the model error. While measured velocities are used,
+ * a larger sd is taken for the model error (LASTING times model_sd): the velocities then
+ * shrink the covariance, but not the model error. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -133,8 +133,9 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   }
 }
 
-/* Report the probability of each regime. Events that are not accepted yet contribute
- * their probabilities, and the present regime has the remainder. */
+/* Report the probability of each regime. An event that is not accepted yet adds its
+ * probability to the regime that would start with it. The rest of the probability goes to
+ * the present regime. */
 static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real sum = TSE_R(0);
@@ -144,14 +145,15 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
     if (kind != EVENT_NONE && !event_is_small(k, n)) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
-  const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* the sum over both groups may exceed 1 */
+  /* the probabilities of each group add up to at most 1, those of both groups to at most 2 */
+  const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1)));
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
 /* Return the channel of the most probable fault that is not accepted yet, if the
- * probability of a fault is above LIKELY. Otherwise return NO_FAULT. Each row whose
- * regime is a fault thus names a channel. */
+ * probability of a fault is above LIKELY. Otherwise return NO_FAULT. A row whose most
+ * probable regime is a fault therefore always names a channel. */
 static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;

@@ -1,25 +1,27 @@
 /* filter/plausible.c - test whether the channels agree. It finds wrong
  * units, signs and axles.
  *
- * The test uses pairs of quantities that are equal by the laws of physics. An error
- * multiplies one quantity of a pair by a factor. Both quantities are low-passed. Their
- * means, variances and covariance are estimated over USUAL_TIME of driving. Biases change
- * only the means. The factor is the root of the ratio of the variances, with the sign of
- * the covariance. While a pair disagrees, its means and variances are estimated over the
- * shorter ROAD_TIME, so that data from a road on which the pair cannot agree, such as
- * ice, are soon forgotten.
+ * The test uses pairs of quantities that are equal by the laws of physics. A wrong unit or
+ * sign of a channel multiplies one quantity of a pair by a factor. Both quantities are
+ * low-passed. Their means, variances and covariance are estimated over USUAL_TIME of
+ * driving. Biases change only the means. The factor is the root of the ratio of the
+ * variances, with the sign of the covariance. While a pair disagrees, its means and
+ * variances are estimated over the shorter ROAD_TIME. Data from a road on which the pair
+ * cannot agree, such as ice, are then soon forgotten.
  *
- * A small factor of the speed alone cannot be found from one pair, because roll and pitch
- * have effects of the same size. (km/h in place of rad/s gives a factor of 3.6 times the
- * wheel radius in m: 1.0 .. 1.3.) It is found from two pairs together. If the speed v is
- * too large by a factor, so are two ratios: (v r)/accel_y, r being the yaw rate, and
+ * A wrong unit of the speed may give a small factor: km/h in place of rad/s gives 3.6 times
+ * the wheel radius in m, i.e. 1.0 .. 1.3. One pair does not show such a factor, because
+ * roll and pitch change the ratio of its quantities by as much. It is computed from two
+ * pairs together (compute_scale()). If the speed v is too large by a factor, two ratios
+ * are too large by this factor: (v r)/accel_y, r being the yaw rate, and
  * (rate of v)/accel_x. Their product is the square of the factor. A latency of the
  * accelerometers cancels in this product. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* The pairs of quantities. v: speed, r: yaw rate, d: steering angle, L: wheelbase, K:
- * understeer gradient, faster: (front wheel speed - rear wheel speed)/v. */
+/* The pairs of quantities, the first and the second. v: speed, r: yaw rate, d: steering
+ * angle, L: wheelbase, K: understeer gradient, faster: (front wheel speed - rear wheel
+ * speed)/v. */
 enum {
   ACROSS,     /* v r and accel_y [m/s2] */
   TURNING_BY, /* v d/(L + K v^2) and yaw_rate [rad/s] */
@@ -28,8 +30,8 @@ enum {
   BY_DRIVE    /* accel_x [m/s2] and faster [1] */
 };
 
-/* Bits of tse_agreement.apart: first the pairs that disagree, then
- * the channel that is late. */
+/* Bits of tse_agreement.apart. The lowest TSE_PAIRS bits stand for the pairs that disagree,
+ * the next three bits for a channel that is late. */
 enum {
   PAIRS_APART = (1 << TSE_PAIRS) - 1,
   LATE_ACCEL = 1 << TSE_PAIRS,
@@ -55,10 +57,10 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
  * quantities times averaging time. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether the excitation of a pair, i.e. its variance times its averaging time,
- * is large enough for a decision. While a pair disagrees, its averaging time is
- * shorter (ROAD_TIME). It then counts as USUAL_TIME here, so that the limit of the
- * variance stays the same.
+/* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
+ * large enough for a decision. While a pair disagrees, its averaging time is shorter
+ * (ROAD_TIME). The function then uses USUAL_TIME instead, so that a decision needs the
+ * same variance as before.
  *   Given:  first  variance of the first quantity, from compute_explainable()
  *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
@@ -114,8 +116,9 @@ static void update_pair(
   q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
-/* Return the factor from the first to the second quantity of a pair, or 0 if
- * the two do not correlate. */
+/* Return the ratio of the second to the first quantity of a pair: the root of the ratio of
+ * their variances, with the sign of their covariance. Return 0 if the two quantities do
+ * not correlate. */
 static tse_real compute_factor(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
@@ -126,10 +129,11 @@ static tse_real compute_factor(const tse_pair *q)
 
 /* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
  * driving: the square of the first quantity of a pair, and the product of both
- * quantities. A pair that disagrees does not contribute. Slip changes the speed, and in a
- * fast sweep the rate of the lateral speed changes accel_y. Both effects lead the first
- * quantity of the pair by a quarter of a period. Their mean product with it is 0, so that
- * they do not bias the scale. */
+ * quantities. A pair that disagrees does not contribute. Slip changes the speed, and during
+ * fast periodic steering the rate of the lateral speed changes accel_y. These two changes
+ * lead the first quantity of their pair by a quarter of a period. The mean product of the
+ * change and the first quantity is therefore 0, so that slip and lateral speed do not bias
+ * the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -149,8 +153,9 @@ static tse_real compute_scale(const tse_agreement *a)
   return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], MIN_VARIANCE)));
 }
 
-/* Return the same squared factor as compute_scale(), but from the variances, which noise
- * and road slopes also increase. */
+/* Return the squared factor of compute_scale(), computed from the variances of the two
+ * pairs. This needs less excitation, but is less accurate: noise and road slopes also
+ * increase the variances. */
 static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
@@ -187,9 +192,9 @@ static void update_timing(
   t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MAX_INFO, MAX_INFO);
 }
 
-/* Return the max plausible excess of the nominal over the true rear cornering stiffness,
- * relative to the true one: SOFTER and, if a change to a road with less grip was
- * accepted, the excess that this change adds. */
+/* Return the max plausible value of (nominal - true)/true for the rear cornering stiffness:
+ * SOFTER and, if a change to a road with less grip was accepted, the part that this change
+ * adds. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -231,11 +236,11 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 }
 
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
- * Return 0 if none is. Each latency and its limit are compared after multiplication by
- * the excitation (`square`, `asked`). The sd of a latency decreases with the root of the
- * excitation. Soft tyres, or an IMU behind the centre of gravity, also delay accel_y. In
- * every car the yaw rate follows the steering angle, so that the steering angle is late
- * if it follows the yaw rate. */
+ * Return 0 if no channel is late. Each latency and its limit are compared after
+ * multiplication by the excitation (`square`, `asked`). The sd of a latency decreases with
+ * the root of the excitation. Soft tyres, or an IMU behind the centre of gravity, also
+ * delay accel_y. In every car the yaw rate follows the steering angle. If the logged
+ * steering angle follows the yaw rate, the steering angle is late. */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -276,8 +281,9 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
-  /* if another pair disagrees, a difference between accel_x and speed
-   * is not due to the road */
+  /* The decision on the pair ALONG allows for the grade of the road. If another pair
+   * disagrees, a difference between accel_x and the rate of the speed more likely has the
+   * same cause. So decide here once more, without this allowance. */
   const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
@@ -292,7 +298,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   }
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
-  if (along && (turning || is_speed)) { /* these pairs have only the speed in common */
+  /* ALONG disagrees, and TURNING_BY or ACROSS. Only the speed is in both pairs */
+  if (along && (turning || is_speed)) {
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
@@ -305,8 +312,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
     *factor = compute_factor(&a->pair[ACROSS]);
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
-  /* front and rear wheel speeds are exchanged, or the driven axle is
-   * not that of the settings */
+  /* IN_BENDS or BY_DRIVE disagrees: front and rear wheel speeds are exchanged, or the
+   * driven axle in the settings is wrong */
   if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   *factor = invert_factor(compute_factor(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
@@ -382,12 +389,13 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
   memcpy(was, a->smooth, sizeof was);
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
-  /* A missing channel leaves its low-passed value unchanged. A channel at a lower rate is
-   * then attenuated no more than the others. */
+  /* A channel that is missing in this row keeps its low-passed value. If the 0 in `value`
+   * were used, a channel with a lower rate than the others would come out too small. */
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
   watch_latencies(p, k, was, has, starts ? TSE_R(0) : dt);
-  /* after a gap accel_x restarts at 0, as the low-passed rate of the speed does */
+  /* after a gap the low-passed accel_x restarts at 0, because its counterpart `change`, the
+   * low-passed rate of the speed, is 0 then, too */
   if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;

@@ -3,7 +3,8 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  /* for each stiffness, the states that are its slips; -1: none */
+  /* for each stiffness, the states of the slip or slip angle by which it is multiplied. The
+   * longitudinal stiffness has two, front and rear; -1: no second state */
   static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
@@ -102,11 +103,11 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* Each row adds process noise to one slow state, in turn, and to states that have
- * received none for WALK_TIME or WANDER_TIME. A state receives the noise of the whole
- * time since its last noise. To treat all states in each row would take too long, because
- * each noise is a rank-one change of the covariance. TSE_SMALL has few slow states and
- * treats all of them in each row. */
+/* See filter.h. In each row add process noise to one slow state, in turn, and to each state
+ * whose last process noise is WALK_TIME or WANDER_TIME ago. The noise that is added is the
+ * noise for the whole time since then. To add noise to all states in each row would take
+ * too long, because each addition is a rank-one change of the covariance. TSE_SMALL has few
+ * slow states and adds noise to all of them in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -122,8 +123,9 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, MAX_TIME) : TSE_R(0);
 }
 
-/* Propagate the state through the row. A bank that the row gives includes the
- * superelevation of curves, so that the state LEAN (superelevation) then counts as 0.
+/* Propagate the state through the row. The state LEAN is the superelevation of curves. If
+ * the row gives the bank of the road, the bank includes the superelevation, and 0 is used
+ * in place of LEAN.
  *   Updated:   k->x
  *   Returned:  M  as in car_move() */
 static void move_motion(
@@ -139,10 +141,12 @@ static void move_motion(
 
 /* Scale the transition to units of the state. Multiply its partial derivatives with
  * respect to a stiffness by the share of compute_signal_shares(). Set partial derivatives
- * with respect to slip and slip stiffness to 0 if the row holds no information on these.
+ * with respect to slip and slip stiffness to 0 if the row has no wheel speeds from which
+ * slip can be estimated.
  *   Given:    share  from compute_signal_shares()
- *             z      z->no_slip: v_x does not depend on the slip stiffness.
- *                    z->no_second: no state depends on slips or slip stiffness
+ *             z      z->no_slip: derivatives of v_x with respect to the slip stiffness
+ *                    become 0. z->no_second: derivatives of all states with respect to
+ *                    slips and slip stiffness become 0
  *   Updated:  M */
 static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {

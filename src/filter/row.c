@@ -3,9 +3,9 @@
 #include "tables/input.h"
 
 /* Return the freely rolling axle according to brake switch and wheel torques. If one axle
- * is driven, it is the undriven axle, unless brake switch or torque show that this axle
- * brakes. If both axles are driven, it is an axle without torque while the other axle has
- * torque; the brake switch alone is then not enough. */
+ * is driven, the undriven axle rolls freely, unless brake switch or torque show that it
+ * brakes. If both axles are driven, an axle rolls freely if it has no torque while the
+ * other axle has torque. The torques of both axles must be given for this decision. */
 static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = find_undriven_axle(&p->car);
@@ -29,18 +29,21 @@ static int is_equal(tse_real front, tse_real rear)
   return r_abs(front - rear) <= r_mul(SAME_SPEED, r_abs(rear));
 }
 
-/* Return whether two wheel speeds may be copies of one signal: they are equal, or their
- * ratio is the same as before. Rounded wheel radii make this ratio differ from 1. */
+/* Return whether two wheel speeds [m/s] may be copies of one signal: they are equal, or
+ * have the ratio of earlier rows (tse_filter.ratio). A constant ratio other than 1 arises
+ * if a log computes both wheel speeds [rad/s] from one vehicle speed with wheel radii that
+ * differ from the settings, for example by rounding. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the wheel speeds of both axles are copies of one signal. If they are, the
- * copy that lags or repeats only takes values that the other column has or had in the
- * previous row. If they are two signals, each takes values of its own. If one column is
- * missing for long and no velocity is measured, there is no second speed either.
+/* Find whether the wheel speeds of both axles are copies of one signal. A copy may lag
+ * behind the other column or repeat its last value, but each new value of it equals the
+ * value of the other column in this row or in the previous row. In two separate signals
+ * each column has new values that differ from the other column. If one column has been
+ * missing for USUAL_TIME and no velocity is measured, there is no second speed either.
  *   Updated:  z  one_speed, no_second, equal, same, off. If there is one signal, the rear
  *                axle receives the newer value and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
@@ -96,9 +99,10 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   find_one_speed(p, f, z);
-  /* If no axle measures the speed, slip follows from the integral of accel_x only, which
-   * contains the grade. The longitudinal stiffness is then not estimated, unless the
-   * settings say that all roads are flat. */
+  /* If no axle rolls freely, no wheel measures the speed of the car, and slip can be computed
+   * only with the integral of accel_x. The integral also contains gravity along the road.
+   * The longitudinal stiffness is then not estimated, unless all roads are flat according to
+   * the settings (grade_sd is 0). */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));

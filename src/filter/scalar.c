@@ -1,5 +1,6 @@
-/* filter/scalar.c - update of the filter with one scalar measurement. The gain is that of
- * Schmidt (1966), limited for large innovations (heavy tails).
+/* filter/scalar.c - update of the filter with one scalar measurement. The gain is the gain of
+ * Schmidt (1966). It is reduced for innovations above 3 sd, because the errors of sensors
+ * have heavy tails.
  *
  * Consider parameters are uncertain parameters that are not estimated. Their uncertainty
  * increases S and changes the gain. h is the vector of partial derivatives of the

@@ -29,7 +29,8 @@ static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z
       && !(z->use[WHEEL_REAR] && rear < max_rise);
 }
 
-/* Return the speed of an axle, or that of the other axle if it is missing. */
+/* Return the speed of an axle. If the row has no wheel speed of this axle, return the speed
+ * of the other axle. */
 static tse_real get_axle_speed(const decoded *z, int axle)
 {
   return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
@@ -44,9 +45,10 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
       : r_abs(f->k.x[VX]);
 }
 
-/* Store the wheel speeds for the next row, and update the evidence on whether they are
- * copies of one signal or two signals. While the two columns agree, or one of them is
- * missing, the evidence of two signals expires within USUAL_TIME. */
+/* Store the wheel speeds for the next row, and update off_for: the time for which the wheel
+ * speeds still count as two signals. A row in which a wheel speed is not a copy sets the
+ * time to USUAL_TIME. The time decreases while the two columns agree, or while one of them
+ * is missing. Also store the ratio of the two wheel speeds. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -63,7 +65,8 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
   if (has[1]) f->v_rear = z->axle[1];
 }
 
-/* Update the number of recent gaps. It decays with the time constant USUAL_TIME. */
+/* Update the number of recent gaps. A gap adds 1 to it. Between gaps the number decays with
+ * the time constant USUAL_TIME. */
 static void count_gaps(tse_filter *f, int gap, tse_real dt)
 {
   const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
@@ -76,8 +79,8 @@ static void count_gaps(tse_filter *f, int gap, tse_real dt)
  *   still_for   since the wheels have stopped
  *   off_for     remaining time for which wheel speeds that have differed count as two
  *               signals
- * If held_for or rolled_for becomes too long, the motion is lost, until a row has both
- * steering angle and wheel speed again. */
+ * If held_for exceeds the setting max_gap, or rolled_for exceeds ROAD_TIME, the motion is
+ * lost. It stays lost until a row has both steering angle and wheel speed again. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -91,7 +94,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
 /* Classify the row.
  *   Given:    f    with timers that include this row
  *             gap  1: the motion cannot be predicted from the previous row to this one
- *   Updated:  f->way */
+ *   Updated:  f->way  log odds of reverse, see rolls_backwards() */
 static row_class classify_row(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
   const tse_real slower = r_min(get_axle_speed(z, WHEEL_FRONT), get_axle_speed(z, WHEEL_REAR));
@@ -119,7 +122,8 @@ static int is_agreement_finite(const tse_agreement *a)
   return fine;
 }
 
-/* Return whether every state and variance is finite, and no variance negative. */
+/* Return whether all states and all elements of D (the variances in U D U') are finite, and
+ * no element of D is negative. */
 static int is_state_finite(const tse_kalman *k)
 {
   int fine = 1;
@@ -164,10 +168,10 @@ static tse_status find_status(
   return status;
 }
 
-/* Process a row without a prediction of the motion. Predict only the slow states,
- * initialise the motion from wheels and gyro unless it is lost, and update the gyro
- * bias at standstill. Until the filter has started, each row initialises the motion
- * and nothing is predicted. */
+/* Process a row without a prediction of the motion. Predict only the slow states, and
+ * update the gyro bias at standstill. If the motion is not lost, initialise it from wheel
+ * speeds and gyro. Until the filter has started, each row initialises the motion and
+ * nothing is predicted. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -181,9 +185,10 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 }
 
 /* Return whether the motion is known: all elements of D that belong to it are below
- * MAX_D. The motion can diverge within a substep if settings are unrealistic, and
- * without measurements if the car is unstable. An element exceeds the limit long
- * before a number overflows. */
+ * MAX_D. There are two reasons for larger elements. With unrealistic settings the
+ * integration of the motion can diverge, even within one row. The motion of an unstable
+ * (oversteering) car diverges while measurements are missing. An element exceeds MAX_D
+ * long before a number overflows. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = 1;
@@ -255,7 +260,8 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);
   const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
-  /* the steering angle was missing for some rows, in which the car may have turned */
+  /* The steering angle was missing in the last rows. The car may have turned in this time, so
+   * the next row with a steering angle initialises the motion. */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);
@@ -266,8 +272,8 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  /* possible causes are faulty memory and overflow, perhaps due to loaded numbers: do not
-   * use the loaded numbers again */
+  /* Numbers that are not finite come from faulty memory or from overflow. A loaded learnt
+   * state may have caused the overflow, so it is not used again. */
   if (!was_finite || !is_state_finite(&f->k)) {
     f->start.loaded = 0;
     restart_filter(p, f, &z);
