@@ -24,8 +24,8 @@
                               * are rounded. At a jerk of 50 m/s3, as in an emergency
                               * manoeuvre, a channel changes by 0.001 m/s2 in this time */
 
-/* [s] If a channel is missing in some rows, it is interpolated between two of its values that
- * are at most this far apart. */
+/* [s] If a channel is missing in some rows, it is interpolated between two of its values
+ * that are at most this far apart. */
 #define MAX_HOLE TSE_R(0.1)
 
 /* Return the index in the ring of the row before or after the one at index `at`. */

@@ -2,9 +2,10 @@
  * latencies of the channels. */
 #include "estimator/settings.h"
 
-/* Number of rows stored in addition to the span of the latencies: one before the span,
- * one after the span, and two because rows may be closer together than the sample time.
- * For a span of 28 sample times, these two allow for rows that are 7 % closer together. */
+/* Number of rows stored in addition to the span of the latencies: one before the
+ * span, one after the span, and two because rows may be closer together than the
+ * sample time. For a span of 28 sample times, these two allow for rows that are 7 %
+ * closer together. */
 #define ROWS_TO_SPARE 4
 
 #if TSE_LATENCY_ROWS == 0
@@ -82,7 +83,8 @@ void prepare_latencies(const tse_config *c, tse_params *p)
   read_latencies(c, latency);
   const reading_time r = compute_reading_time(c, latency);
   p->latency = real_of(r.age);
-  /* a composed row has the velocities of the newest row (align.c), which is `age` later */
+  /* In a composed row the velocities come from the newest row (align.c). The other values
+   * are `age` older. */
   p->velocity_late = real_of(c->velocity_latency - r.age);
   p->latency_span = real_of(r.span);
   p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));

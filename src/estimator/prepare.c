@@ -7,8 +7,8 @@
 #include "tables/copies.h"
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
-/* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m. It is
- * used if wheel_noise_sd is smaller, for example 0, the default. */
+/* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m. It
+ * is used if wheel_noise_sd is smaller, for example 0, the default. */
 #define MIN_WHEEL_SD TSE_S(0.012)
 /* [m] Min relaxation length. If the length is shorter, the slip angle settles within one
  * substep even at 10 m/s, so that a shorter length would hardly change the result. */
@@ -17,8 +17,8 @@
  * temperature. The ratio is estimated in every car, because even a small error looks like
  * slip: an error of 0.0005, a quarter of this sd, is half the slip of steady driving. */
 #define MIN_RADIUS_SD TSE_R(0.002)
-/* [1] Rolling resistance coefficient of a freely rolling axle if its setting is 0: a usual
- * value of car tyres. */
+/* [1] Rolling resistance coefficient of a freely rolling axle if its setting is 0: a
+ * usual value of car tyres. */
 #define DEFAULT_ROLLING TSE_S(0.01)
 
 /* Mix a word into the FNV-1a fingerprint h (a hash). A filter stores the fingerprint of
@@ -123,25 +123,26 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 
 #if defined(TSE_REAL_FIXED)
 /* Limits of the constants of a filter in fixed point (check_range()). The unit sigma is
- * the sd of a sensor. Covariances in sigma^2 contain squares of the limited quantities, and
- * must not exceed FIXED_MOST, 2^27 (1.3e8), at which numbers saturate. One step of the
- * format is 2e-10. A variance that is added in each row must be at least one step. */
+ * the sd of a sensor. Covariances in sigma^2 contain squares of the limited quantities,
+ * and must not exceed FIXED_MOST, 2^27 (1.3e8), at which numbers saturate. One step of
+ * the format is 2e-10. A variance that is added in each row must be at least one step. */
 
 /* [sigma per unit of slip] Max change of an accelerometer value by slip; 230 times the
- * value of the default car. At this limit a slip of 10 % together with a stiffness error of
- * 30 % causes an error of 3900 sigma, whose square is below FIXED_MOST. Also the max of
- * tse_params.damping times the longest step [m/s]. */
+ * value of the default car. At this limit a slip of 10 % together with a stiffness error
+ * of 30 % causes an error of 3900 sigma, whose square is below FIXED_MOST. Also the max
+ * of tse_params.damping times the longest step [m/s]. */
 #define MAX_SIGNAL_GAIN TSE_R(131072)
 /* [sigma] Max initial sd of the yaw rate; its square is below FIXED_MOST. Also the max of
  * (mass times distance of an axle)/(yaw inertia) [1/m]. */
 #define MAX_START TSE_R(4096)
-/* [sigma^2] Max initial variance of a bias, and max increase of this variance per second. */
+/* [sigma^2] Max initial variance of a bias, and max increase of this variance per
+ * second. */
 #define MAX_BIAS_VAR TSE_R(16777216)
 /* [1] Max of the square of the setting noise_max. */
 #define MAX_NOISE TSE_R(65536)
 
-/* Return whether rate times dt, the increase in one row, is rounded to 0 although the rate
- * is positive. */
+/* Return whether rate times dt, the increase in one row, is rounded to 0 although the
+ * rate is positive. */
 static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
 /* Check that the constants of a filter are within the limits MAX_SIGNAL_GAIN ... above.
@@ -186,8 +187,8 @@ static void prepare_copies(const tse_config *c, tse_params *p)
     memcpy((uint8_t *)p + copied[i].to, &constant, sizeof constant);
   }
 #if !defined(TSE_NO_VELOCITY)
-  /* prior sd of the heading. Any value will do: the first measured course sets heading and
-   * sd (set_heading() in velocity.c) */
+  /* prior sd of the heading. Any value will do: the first measured course sets heading
+   * and sd (set_heading() in velocity.c) */
   p->extra_sd[0] = TSE_R(1);
 #endif
 }
@@ -351,8 +352,8 @@ static void prepare_rows(const tse_config *c, tse_params *p)
 }
 
 /* Compute prior, memory and limits of the particle filter (form 1). For both filters
- * compute learnt_floor and learnt_walk, which determine the variance of a stiffness that is
- * loaded from a learnt state. */
+ * compute learnt_floor and learnt_walk, which determine the variance of a stiffness that
+ * is loaded from a learnt state. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = compute_square(c->initial_spread);

@@ -19,8 +19,8 @@ static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the yaw rate and the steering angle. The variance of
- * the expected yaw rate allows for an offset of the steering angle (STEER_FAULT_SD).
+/* Update the log odds of reverse from the yaw rate and the steering angle. The variance
+ * of the expected yaw rate allows for an offset of the steering angle (STEER_FAULT_SD).
  *   Given:  turn  [rad/s] measured yaw rate, less the gyro bias */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
@@ -33,9 +33,9 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
 }
 
 /* Update the log odds of reverse from the gain of speed and the integral of accel_x. The
- * integral also contains gravity along the road, so that the variance grows with time. When
- * the speed no longer changes, new log odds therefore shrink towards 0. Keep the log odds
- * of the largest magnitude so far. */
+ * integral also contains gravity along the road, so that the variance grows with time.
+ * When the speed no longer changes, new log odds therefore shrink towards 0. Keep the log
+ * odds of the largest magnitude so far. */
 static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);

@@ -325,8 +325,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 {
   tse_real *const weight = k->weight, *const none = k->none;
   for (int group = 0; group < TSE_GROUPS; group++) {
-    /* log2 of the largest weight. All weights are divided by the largest one before they are
-     * added, so that the sum does not overflow */
+    /* log2 of the largest weight. All weights are divided by the largest one before they
+     * are added, so that the sum does not overflow */
     tse_real largest = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
@@ -412,11 +412,11 @@ int can_return(const tse_kalman *k)
       || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind. Take a free slot. If no slot is free, take the
- * slot of the oldest event. If a kind has several slots, its most likely event keeps its
- * slot for ROAD_TIME, because on a drive with few bends the evidence of one second is not
- * enough for a decision. An event that is not accepted within ROAD_TIME is probably drift
- * or model error, and loses its slot. A change of an axle also keeps its slot for
+/* Find a slot for the next event of a kind. Take a free slot. If no slot is free, take
+ * the slot of the oldest event. If a kind has several slots, its most likely event keeps
+ * its slot for ROAD_TIME, because on a drive with few bends the evidence of one second is
+ * not enough for a decision. An event that is not accepted within ROAD_TIME is probably
+ * drift or model error, and loses its slot. A change of an axle also keeps its slot for
  * ROAD_TIME, as long as it is more likely than no event.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event of the kind before a slot with an
@@ -484,7 +484,8 @@ static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = get_kind(which);
-  /* axle whose stiffness gives the step: 0 front (for a change of the road, too), 1 rear */
+  /* Axle whose stiffness gives the step. 0: front axle, also for a change of the road;
+   * 1: rear axle. */
   const int axle = which == EVENT_REAR;
   const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
                                                : TSE_R(0);
@@ -612,9 +613,9 @@ static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_re
 
 /* Merge the accepted event n into the state. A change of the road can look like a change
  * of the tyres of one axle, and vice versa. If n is a change of tyres, the most probable
- * event of each of the three kinds (road, front axle, rear axle) is therefore merged, with
- * its share of the sum of the three probabilities. A kind with a share below 1 - BELIEVED
- * is left out. */
+ * event of each of the three kinds (road, front axle, rear axle) is therefore merged,
+ * with its share of the sum of the three probabilities. A kind with a share below 1 -
+ * BELIEVED is left out. */
 static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,

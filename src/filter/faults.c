@@ -28,9 +28,9 @@ int is_usable(const tse_kalman *k, int channel)
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
 
-/* See filter.h. The yaw rate contradicts the steering angle if the low-passed innovation of
- * the yaw rate (tse_kalman.slow) was too large in the previous row: if its square exceeds
- * TAIL times its usual mean square. */
+/* See filter.h. The yaw rate contradicts the steering angle if the low-passed innovation
+ * of the yaw rate (tse_kalman.slow) was too large in the previous row: if its square
+ * exceeds TAIL times its usual mean square. */
 int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], MIN_SLOW_VAR));

@@ -141,8 +141,8 @@
                                          * hold for a state of the motion: an sd of 1000 units. Beyond it the
                                          * motion is unknown */
 
-/* Limits of the test whether the channels agree (plausible.c). They need no tuning: a wrong
- * unit, sign or axle exceeds these limits by far. */
+/* Limits of the test whether the channels agree (plausible.c). They need no tuning: a
+ * wrong unit, sign or axle exceeds these limits by far. */
 #define SMOOTH_TIME TSE_R(0.25)         /* [s] time constant of the low passes: they remove noise and
                                          * vibration, and keep manoeuvres */
 #define MAX_SMOOTH_DT TSE_R(0.35)       /* [s] max time between rows with a wheel speed. After a longer time

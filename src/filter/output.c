@@ -145,7 +145,8 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
     if (kind != EVENT_NONE && !event_is_small(k, n)) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
-  /* the probabilities of each group add up to at most 1, those of both groups to at most 2 */
+  /* the probabilities of each group add up to at most 1, those of both groups to at most
+   * 2 */
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1)));
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));

@@ -1,20 +1,20 @@
-/* filter/plausible.c - test whether the channels agree. It finds wrong
- * units, signs and axles.
+/* filter/plausible.c - test whether the channels agree. It finds wrong units, signs and
+ * axles.
  *
- * The test uses pairs of quantities that are equal by the laws of physics. A wrong unit or
- * sign of a channel multiplies one quantity of a pair by a factor. Both quantities are
+ * The test uses pairs of quantities that are equal by the laws of physics. A wrong unit
+ * or sign of a channel multiplies one quantity of a pair by a factor. Both quantities are
  * low-passed. Their means, variances and covariance are estimated over USUAL_TIME of
  * driving. Biases change only the means. The factor is the root of the ratio of the
  * variances, with the sign of the covariance. While a pair disagrees, its means and
  * variances are estimated over the shorter ROAD_TIME. Data from a road on which the pair
  * cannot agree, such as ice, are then soon forgotten.
  *
- * A wrong unit of the speed may give a small factor: km/h in place of rad/s gives 3.6 times
- * the wheel radius in m, i.e. 1.0 .. 1.3. One pair does not show such a factor, because
- * roll and pitch change the ratio of its quantities by as much. It is computed from two
- * pairs together (compute_scale()). If the speed v is too large by a factor, two ratios
- * are too large by this factor: (v r)/accel_y, r being the yaw rate, and
- * (rate of v)/accel_x. Their product is the square of the factor. A latency of the
+ * A wrong unit of the speed may give a small factor: km/h in place of rad/s gives 3.6
+ * times the wheel radius in m, i.e. 1.0 .. 1.3. One pair does not show such a factor,
+ * because roll and pitch change the ratio of its quantities by as much. The factor is
+ * computed from two pairs together (compute_scale()). If the speed v is too large by a
+ * factor, two ratios are too large by this factor: (v r)/accel_y, r being the yaw rate,
+ * and (rate of v)/accel_x. Their product is the square of the factor. A latency of the
  * accelerometers cancels in this product. */
 #include "filter/filter.h"
 #include "tables/input.h"
@@ -30,8 +30,8 @@ enum {
   BY_DRIVE    /* accel_x [m/s2] and faster [1] */
 };
 
-/* Bits of tse_agreement.apart. The lowest TSE_PAIRS bits stand for the pairs that disagree,
- * the next three bits for a channel that is late. */
+/* Bits of tse_agreement.apart. The lowest TSE_PAIRS bits stand for the pairs that
+ * disagree, the next three bits for a channel that is late. */
 enum {
   PAIRS_APART = (1 << TSE_PAIRS) - 1,
   LATE_ACCEL = 1 << TSE_PAIRS,
@@ -116,9 +116,9 @@ static void update_pair(
   q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
-/* Return the ratio of the second to the first quantity of a pair: the root of the ratio of
- * their variances, with the sign of their covariance. Return 0 if the two quantities do
- * not correlate. */
+/* Return the ratio of the second to the first quantity of a pair: the root of the ratio
+ * of their variances, with the sign of their covariance. Return 0 if the two quantities
+ * do not correlate. */
 static tse_real compute_factor(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
@@ -129,11 +129,11 @@ static tse_real compute_factor(const tse_pair *q)
 
 /* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
  * driving: the square of the first quantity of a pair, and the product of both
- * quantities. A pair that disagrees does not contribute. Slip changes the speed, and during
- * fast periodic steering the rate of the lateral speed changes accel_y. These two changes
- * lead the first quantity of their pair by a quarter of a period. The mean product of the
- * change and the first quantity is therefore 0, so that slip and lateral speed do not bias
- * the scale. */
+ * quantities. A pair that disagrees does not contribute. Slip changes the speed, and
+ * during fast periodic steering the rate of the lateral speed changes accel_y. These two
+ * changes lead the first quantity of their pair by a quarter of a period. The mean
+ * product of the change and the first quantity is therefore 0, so that slip and lateral
+ * speed do not bias the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -192,9 +192,9 @@ static void update_timing(
   t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MAX_INFO, MAX_INFO);
 }
 
-/* Return the max plausible value of (nominal - true)/true for the rear cornering stiffness:
- * SOFTER and, if a change to a road with less grip was accepted, the part that this change
- * adds. */
+/* Return the max plausible value of (nominal - true)/true for the rear cornering
+ * stiffness: SOFTER and, if a change to a road with less grip was accepted, the part that
+ * this change adds. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -237,9 +237,9 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
  * Return 0 if no channel is late. Each latency and its limit are compared after
- * multiplication by the excitation (`square`, `asked`). The sd of a latency decreases with
- * the root of the excitation. Soft tyres, or an IMU behind the centre of gravity, also
- * delay accel_y. In every car the yaw rate follows the steering angle. If the logged
+ * multiplication by the excitation (`square`, `asked`). The sd of a latency decreases
+ * with the root of the excitation. Soft tyres, or an IMU behind the centre of gravity,
+ * also delay accel_y. In every car the yaw rate follows the steering angle. If the logged
  * steering angle follows the yaw rate, the steering angle is late. */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
@@ -394,8 +394,8 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
   watch_latencies(p, k, was, has, starts ? TSE_R(0) : dt);
-  /* after a gap the low-passed accel_x restarts at 0, because its counterpart `change`, the
-   * low-passed rate of the speed, is 0 then, too */
+  /* after a gap the low-passed accel_x restarts at 0, because its counterpart `change`,
+   * the low-passed rate of the speed, is 0 then, too */
   if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;

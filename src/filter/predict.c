@@ -3,8 +3,8 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  /* for each stiffness, the states of the slip or slip angle by which it is multiplied. The
-   * longitudinal stiffness has two, front and rear; -1: no second state */
+  /* for each stiffness, the states of the slip or slip angle by which it is multiplied.
+   * The longitudinal stiffness has two, front and rear; -1: no second state */
   static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
@@ -103,11 +103,11 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* See filter.h. In each row add process noise to one slow state, in turn, and to each state
- * whose last process noise is WALK_TIME or WANDER_TIME ago. The noise that is added is the
- * noise for the whole time since then. To add noise to all states in each row would take
- * too long, because each addition is a rank-one change of the covariance. TSE_SMALL has few
- * slow states and adds noise to all of them in each row. */
+/* See filter.h. In each row add process noise to one slow state, in turn, and to each
+ * state whose last process noise is WALK_TIME or WANDER_TIME ago. The noise that is added
+ * is the noise for the whole time since then. To add noise to all states in each row
+ * would take too long, because each addition is a rank-one change of the covariance.
+ * TSE_SMALL has few slow states and adds noise to all of them in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {

@@ -31,8 +31,8 @@ static int is_equal(tse_real front, tse_real rear)
 
 /* Return whether two wheel speeds [m/s] may be copies of one signal: they are equal, or
  * have the ratio of earlier rows (tse_filter.ratio). A constant ratio other than 1 arises
- * if a log computes both wheel speeds [rad/s] from one vehicle speed with wheel radii that
- * differ from the settings, for example by rounding. */
+ * if a log computes both wheel speeds [rad/s] from one vehicle speed with wheel radii
+ * that differ from the settings, for example by rounding. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
@@ -99,10 +99,10 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   find_one_speed(p, f, z);
-  /* If no axle rolls freely, no wheel measures the speed of the car, and slip can be computed
-   * only with the integral of accel_x. The integral also contains gravity along the road.
-   * The longitudinal stiffness is then not estimated, unless all roads are flat according to
-   * the settings (grade_sd is 0). */
+  /* If no axle rolls freely, no wheel measures the speed of the car, and slip can be
+   * computed only with the integral of accel_x. The integral also contains gravity along
+   * the road. The longitudinal stiffness is then not estimated, unless all roads are flat
+   * according to the settings (grade_sd is 0). */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));

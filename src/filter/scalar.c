@@ -1,12 +1,12 @@
-/* filter/scalar.c - update of the filter with one scalar measurement. The gain is the gain of
- * Schmidt (1966). It is reduced for innovations above 3 sd, because the errors of sensors
- * have heavy tails.
+/* filter/scalar.c - update of the filter with one scalar measurement. The gain is the
+ * gain of Schmidt (1966). It is reduced for innovations above 3 sd, because the errors of
+ * sensors have heavy tails.
  *
  * Consider parameters are uncertain parameters that are not estimated. Their uncertainty
  * increases S and changes the gain. h is the vector of partial derivatives of the
- * measurement with respect to the state, r the noise variance of the measurement,
- * A = U D U' the covariance that the state would have if the parameters were known, and V
- * the matrix of sensitivities of the state to the parameters:
+ * measurement with respect to the state, r the noise variance of the measurement, A = U D
+ * U' the covariance that the state would have if the parameters were known, and V the
+ * matrix of sensitivities of the state to the parameters:
  *   y = V' h + d                                 shift of the innovation per sd of each
  *                                                parameter; d: partial derivatives of the
  *                                                measurement with respect to parameters,

@@ -29,8 +29,8 @@ static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z
       && !(z->use[WHEEL_REAR] && rear < max_rise);
 }
 
-/* Return the speed of an axle. If the row has no wheel speed of this axle, return the speed
- * of the other axle. */
+/* Return the speed of an axle. If the row has no wheel speed of this axle, return the
+ * speed of the other axle. */
 static tse_real get_axle_speed(const decoded *z, int axle)
 {
   return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
@@ -45,10 +45,10 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
       : r_abs(f->k.x[VX]);
 }
 
-/* Store the wheel speeds for the next row, and update off_for: the time for which the wheel
- * speeds still count as two signals. A row in which a wheel speed is not a copy sets the
- * time to USUAL_TIME. The time decreases while the two columns agree, or while one of them
- * is missing. Also store the ratio of the two wheel speeds. */
+/* Store the wheel speeds for the next row, and update off_for: the time for which the
+ * wheel speeds still count as two signals. A row in which a wheel speed is not a copy
+ * sets the time to USUAL_TIME. The time decreases while the two columns agree, or while
+ * one of them is missing. Also store the ratio of the two wheel speeds. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -65,8 +65,8 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
   if (has[1]) f->v_rear = z->axle[1];
 }
 
-/* Update the number of recent gaps. A gap adds 1 to it. Between gaps the number decays with
- * the time constant USUAL_TIME. */
+/* Update the number of recent gaps. A gap adds 1 to it. Between gaps the number decays
+ * with the time constant USUAL_TIME. */
 static void count_gaps(tse_filter *f, int gap, tse_real dt)
 {
   const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
@@ -122,8 +122,8 @@ static int is_agreement_finite(const tse_agreement *a)
   return fine;
 }
 
-/* Return whether all states and all elements of D (the variances in U D U') are finite, and
- * no element of D is negative. */
+/* Return whether all states and all elements of D (the variances in U D U') are finite,
+ * and no element of D is negative. */
 static int is_state_finite(const tse_kalman *k)
 {
   int fine = 1;
@@ -260,8 +260,8 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);
   const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
-  /* The steering angle was missing in the last rows. The car may have turned in this time, so
-   * the next row with a steering angle initialises the motion. */
+  /* The steering angle was missing in the last rows. The car may have turned in this
+   * time, so the next row with a steering angle initialises the motion. */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);

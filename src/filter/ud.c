@@ -77,8 +77,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      /* left: covariance of i and j, own: variance of i. The loop subtracts the parts that
-       * the columns of U after j contribute */
+      /* left: covariance of i and j, own: variance of i. The loop subtracts the parts
+       * that the columns of U after j contribute */
       tse_real left = cov[i][j];
       tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {
@@ -87,8 +87,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
         left -= r_mul(taken, r_long(u[j]));
         own -= r_mul(taken, r_long(u[i]));
       }
-      /* a covariance above the limit comes from correlations that contradict each other: no
-       * vector of random numbers can have them */
+      /* a covariance above the limit comes from correlations that contradict each other:
+       * no vector of random numbers can have them */
       const tse_real limit = r_mul(MAX_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j])));
       if (i == j) p->d[first + j] = r_max(left, MIN_D);
       else column[i] = r_short(r_div(r_clamp(left, -limit, limit), p->d[first + j]));
