@@ -8,7 +8,7 @@
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
 /* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m. It
- * is used if wheel_noise_sd is smaller, for example 0, the default. */
+ * is used if the sd from the setting wheel_noise_sd is smaller. The default is 0. */
 #define MIN_WHEEL_SD TSE_S(0.012)
 /* [m] Min relaxation length. If the length is shorter, the slip angle settles within one
  * substep even at 10 m/s, so that a shorter length would hardly change the result. */

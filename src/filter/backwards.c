@@ -6,10 +6,10 @@
  * yaw rate and steering angle, the other compares accel_x and the gain of speed. Each
  * test gives the log odds of reverse. They are reset to 0 whenever the car is slower than
  * MIN_ROLLING_SPEED, where it can change its direction, and whenever a wheel speed is
- * negative, so that no test is needed. The car counts as rolling backwards if the sum of
- * the two log odds is large and each of the two is above a lower limit (MIN_EACH_ODDS).
- * The sum alone is not enough: a channel with a wrong sign makes the odds of one test
- * large. */
+ * negative, because the log then has a sign and needs no test. The car counts as rolling
+ * backwards if the sum of the two log odds is large and each of the two is above a lower
+ * limit (MIN_EACH_ODDS). The sum alone is not enough: a channel with a wrong sign makes
+ * the odds of one test large. */
 #include "filter/filter.h"
 
 /* Return the natural log odds of y = -x against y = x.

@@ -286,9 +286,9 @@ static tse_real penalise_stiffer(
  * and that no event has. If the event is a faulty sensor, the result is at least the
  * evidence that the sensor is frozen (tse_kalman.frozen). After a change of tyres
  * innovations are large until the new stiffness is found. For SETTLE_TIME after the
- * change the result is therefore limited to 0, so that large innovations do not make a
- * fault more likely than no event. The limit does not apply to the evidence that a sensor
- * is frozen. */
+ * change the ratio of a fault is therefore limited to 0, so that large innovations do not
+ * make a fault more likely than no event. The limit does not apply to the evidence that a
+ * sensor is frozen. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
