@@ -93,14 +93,15 @@ def calibrate(
 
     Half an hour of driving with bends and some braking is a good start. A second
     calibration, with --vehicle calibrated.toml and other logs, starts from the result of
-    the first. With --road, bank and grade are those of ROAD.csv, and are not fitted.
+    the first. With --road, bank and grade are read from ROAD.csv, and not fitted.
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
     CALIBRATED.formula.toml    copy of the formula of the vehicle file, if it has one. The
                                simulation contains the formula, the fit does not change it
-    CALIBRATED.json            all parameters, for programs
-    CALIBRATED.html            the same for people; --report changes its path
+    CALIBRATED.json            all parameters as JSON
+    CALIBRATED.html            all parameters as a page with plots; --report changes its
+                               path
 
     --json prints all parameters on standard output, --table writes a table with a row for
     each parameter.
