@@ -483,7 +483,7 @@ function checkUnits(rows, car, { ratio, tracks } = {}) {
     .filter(([, f]) => far(f.value) > P.far + 2 * f.sd)
     .map(
       ([n, f]) =>
-        `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; ` +
+        `check the units: ${P.figures[n]} is ${short(f.value)}, but about 1 is expected; ` +
         `no unit that is often mixed up explains it${braking(n, f)}`,
     );
 }

@@ -4,9 +4,10 @@
     .venv/bin/python scripts/dev/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
 
 Writes scripts/results/long_logs.md; rows of formats that are not measured stay unchanged.
-A log repeats ten minutes of a drive: four wheels at 50 Hz, the steering wheel at 20 Hz,
-the inertial sensor at 100 Hz, each with a latency. Functions of tests/lab write it to a
-temporary folder, one format at a time. The measured command also writes a report."""
+A log contains the same ten minutes of a drive again and again: four wheels at 50 Hz, the
+steering wheel at 20 Hz, the inertial sensor at 100 Hz, each with a latency. Functions of
+tests/lab write the log to a temporary folder, one format at a time. `tselab estimate` is
+run with --report, so the measured memory includes that of the report."""
 
 import argparse
 import re
@@ -19,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "long_logs.md"
-PART = 600.0  # [s] length of the drive that a log repeats
+PART = 600.0  # [s] duration of the drive that a log contains again and again
 
 from measured import ENV, TSELAB, measure_command  # noqa: E402
 
@@ -27,9 +28,10 @@ import log_formats as formats  # noqa: E402  (functions of tests/lab that write 
 
 
 def write_own_csv(folder: Path, parts: list[formats.Message]) -> Path:
-    """Write the drive as a CSV with the column names and units of tse. Return its path.
+    """Write the repeated drive as a CSV with the column names and units of tse.
 
-    `parts`: messages of the log in the other formats; the CSV has the same duration."""
+    `parts`: messages that the other formats contain. The CSV gets as many repetitions of
+    the drive as these messages have. Return the path of the CSV."""
     path = folder / "log.csv"
     table = formats.make_drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
     for k in range(round(len(parts[-1].time) / len(table))):
@@ -50,8 +52,8 @@ def measure_size(path: Path) -> float:
 def measure_estimate(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
     """Run `tselab estimate` on a log of a car.
 
-    Return its maximum memory [2**20 bytes], its processor time [s] and the number of
-    rows of estimates."""
+    Return the maximum memory [2**20 bytes] and the processor time [s] of the command, and
+    the number of rows of estimates that it wrote."""
     words = [*TSELAB, "estimate", log, "--vehicle", car]
     words += ["--out", folder / "e.parquet", "--report", folder / "r.html"]
     _, _, busy, memory = measure_command(*words)
@@ -94,7 +96,10 @@ def main() -> None:
 
 
 def write_result(rows: dict[str, str], command: str, hours: float) -> None:
-    """Write the table of all formats."""
+    """Write scripts/results/long_logs.md, with one row of its table for each format.
+
+    `rows`: name of the format -> its row. `command`: the call of this script. `hours`:
+    duration of the log."""
     lines = [
         f"<!-- Written by `{command}`. -->",
         "",

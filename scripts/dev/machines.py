@@ -30,8 +30,8 @@ DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 # not accept them.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 # [s] limit of processor time. The slowest program computes double in software on an
-# emulated M3 and needs one minute. A program that needs more than ten minutes therefore
-# will never end.
+# emulated M3 and needs one minute. A program that is still running after ten minutes is
+# taken to be in an endless loop, and is stopped.
 MAX_SECONDS = 600
 
 
@@ -51,9 +51,10 @@ def find_golden_file(real: str) -> Path:
 
 
 def read_golden(real: str) -> dict[str, str]:
-    """Return the hash of each run that tests/replay/update.py has written, by run name.
+    """Return a dict: run of the filter on the recorded drive -> hash of all its outputs.
 
-    The name of a run consists of the filter and the method of resampling."""
+    The name of a run consists of the form of the filter and the method of resampling.
+    tests/replay/update.py has written the hashes to the golden file."""
     return {
         name: hash_
         for hash_, name in re.findall(r"^# hash (\w+) (.+)$", find_golden_file(real).read_text(), re.M)
@@ -77,7 +78,8 @@ M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 1
 M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
-# 20 MHz; the addresses are those of the secure memories of TrustZone
+# 20 MHz. With TrustZone, a memory has a secure and a non-secure address. These are the
+# secure addresses, because the processor starts in the secure state.
 M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)
 
 
@@ -92,13 +94,13 @@ class Machine:
     board: Board | None = None  # None: no microcontroller
     only: tuple[str, ...] = ()  # number formats to run; (): all
     leaves: tuple[str, ...] = ()  # number formats to skip
-    port: str = "host.c"  # file of tests/embedded with the functions of the machine
+    port: str = "host.c"  # file of tests/embedded that implements port.h (output etc.)
     link: tuple[str, ...] = ("-lm",)  # flags of the linker
     refused: bool = False  # True: the library must refuse to compile with these flags
     known: tuple[str, ...] = FLAGS  # flags in FLAGS that the compiler accepts
-    # number formats that the short run tests on this machine; (): it leaves this machine
-    # out. The machines of the short run cover every byte order, word size and
-    # compiler.
+    # number formats that `platforms.py --short` tests on this machine; (): --short leaves
+    # this machine out. The machines that --short runs cover both byte orders, several
+    # word sizes and several compilers.
     short: tuple[str, ...] = ()
 
     def find_missing(self) -> str:
@@ -210,8 +212,9 @@ def list_machines() -> list[Machine]:
     return [
         *native,
         Machine("x86-64, denormals flushed", ("gcc",), ("-O2", "-DFLUSH_DENORMALS")),
-        # tcc has no fixed point: the constants of this format are conditional expressions
-        # of real numbers, and tcc does not evaluate such expressions at compile time.
+        # The format "fixed" is skipped with tcc: its constants are conditional
+        # expressions of real numbers, and tcc does not evaluate such expressions at
+        # compile time.
         Machine("x86-64", ("tcc",), (), known=(), leaves=("fixed",)),
         make_qemu_user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
         make_qemu_user(
@@ -337,7 +340,9 @@ class Failed(Exception):
 
 
 def explain_misfit(text: str) -> str:
-    """If an error means that a program is too large, return a reason, otherwise "".
+    """If a program failed because it is too large, return which memory is too small.
+
+    For any other error, return "".
 
     `text`: output of the linker or the program."""
     overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)

@@ -41,7 +41,7 @@ def measure_command(*command: object, codes: Collection[int] = (0, 3), env: Mapp
     *command
         Program and arguments.
     codes : collection of int
-        Exit codes that are no error.
+        Exit codes that do not raise an error.
     env : mapping
         Environment of the process.
 

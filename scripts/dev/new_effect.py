@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Write the skeleton of a new effect: table row, function, test and line of equations.
+"""Write the skeleton of a new effect: table row, function, test, line in EQUATIONS.md.
 
     python3 scripts/dev/new_effect.py brake_pull --hook BODY --parameter arm --unit m \\
         --low -0.5 --high 0.5 --typical 0.01 0.05
 
-Then everything builds, and two tests fail: the new test until you write the formula, and
-the test of look-alikes until the table row names at least one. CONTRIBUTING.md, "Add an
-effect", explains each part. Simulator and replay call the new function. The filters do
-not call it. A CONSTANT effect acts on the filters nevertheless, because it changes
-settings that they read. If the name exists or a value is not allowed, the script writes
-nothing, prints the reason and ends with exit code 2. It needs Python only.
+With the skeleton, everything builds, and two tests fail. The new test fails until you
+write the formula. A test of the table of effects fails until the row names at least one
+look-alike, i.e. an effect that changes the same channels in a similar way.
+CONTRIBUTING.md, "Add an effect", explains each part. The simulator and the replay call
+the new function, the filters do not. Only a CONSTANT effect acts on the filters, because
+it changes settings that the filters read. If the name exists or a value is not allowed,
+the script writes nothing, prints the reason and ends with exit code 2. It needs Python
+only.
 """
 
 import argparse
@@ -99,7 +101,9 @@ static void test_{id}_does_what_its_equation_says(void)
 
 
 def find_laws(hook: str) -> str:
-    """Return the file in src/model with the functions of a hook."""
+    """Return the file in src/model with the functions of the effects of this hook.
+
+    The hook of an effect is the place in the model at which its function is called."""
     return "effects_constant.h" if hook == "CONSTANT" else "catalogue.h"
 
 

@@ -12,8 +12,8 @@
     .venv/bin/python scripts/dev/page.py --check
         fail if docs/try.html was built from different sources
 
-clang and wasm-ld compile the library to WebAssembly. If they are missing, zig does
-(scripts/setup.sh platforms). Names, units and rules in the page are those of tselab.
+clang and wasm-ld compile the library to WebAssembly. If they are missing, zig compiles it
+(scripts/setup.sh platforms). The page uses the same names, units and rules as tselab.
 Settings, ranges and structs are read from the library when the page opens. `npm ci`
 fetches a reader of Parquet and a reader of TOML, whose hashes are in
 docs/page/package-lock.json; the page contains their licences. The same sources and
@@ -52,7 +52,7 @@ FLAGS = (
     "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
 )
-# the stack has 262144 bytes, of which the filter needs 5 kB
+# The stack has 262144 bytes. The filter needs only 5 kB of it.
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")
 # Built-in example: double lane changes. From 30 s on, the stiffness is 70 % of nominal.
 DRIVE = "double-lane-change"
@@ -90,7 +90,7 @@ def find_compilers() -> list[list[str]]:
     Raises
     ------
     Failed
-        There is none.
+        No such compiler is installed.
     """
     found = []
     if shutil.which("clang") and shutil.which("wasm-ld"):
@@ -108,7 +108,7 @@ def find_compilers() -> list[list[str]]:
 
 
 def write_library() -> Path:
-    """Write the library as two files. Return their folder."""
+    """Write the C library as the two files tse.h and tse.c. Return their folder."""
     BUILD.mkdir(parents=True, exist_ok=True)
     run_command(
         [sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")]
@@ -119,7 +119,7 @@ def write_library() -> Path:
 def compute_digest() -> str:
     """Return a hash of the sources of the page.
 
-    Compiler and npm packages are not part of it."""
+    The hash does not depend on the compiler and on the contents of the npm packages."""
     files = [
         *sorted(write_library().iterdir()),
         *(SOURCES / name for name in ("page.c", "page.html", "vendor.js", "package-lock.json")),
@@ -260,7 +260,9 @@ def make_example() -> dict[str, Any]:
 
 
 def collect_names() -> dict[str, Any]:
-    """Return the names, units and rules of tselab that the page uses, too."""
+    """Return names, units and rules of tselab, as data for the scripts of the page.
+
+    The page thus reads and checks logs in the same way as tselab."""
     from tse.car import config, vehicle
     from tse.channels import agree, physics, scales, vocabulary
     from tse.estimation import estimate, verdict

@@ -4,17 +4,18 @@
     python3 scripts/dev/platforms.py
         run all machines; write scripts/results/platforms.md
     python3 scripts/dev/platforms.py --short
-        run the machines that differ most, as the tests do: half a minute
+        run only the machines that differ most, in half a minute; the tests do the same
     python3 scripts/dev/platforms.py --only TEXT
         run machines with TEXT in their name; write no file
 
 The filter runs on a recorded drive. A machine passes if the hash of all bits of all
-outputs of all rows equals that in tests/replay/golden_<format>.csv. The default filter
-runs on all machines, the particle filter with each method of resampling only on machines
-that are not emulated. The script fails if a hash differs, or if the library compiles with
+outputs of all rows equals that in tests/replay/golden_<format>.csv. All machines run the
+default filter. Machines that are not emulated also run the particle filter, with each
+method of resampling. The script fails if a hash differs, or if the library compiles with
 flags with which it would give different bits. `scripts/setup.sh machines` lists missing
-tools. build/platforms.json keeps the results: an interrupted run is resumed, and nothing
-runs twice with the same sources, compiler and flags.
+tools. build/platforms.json keeps the results. If sources, compiler and flags have not
+changed, a later call without --short uses the kept result of a machine, and therefore
+also resumes an interrupted run.
 """
 
 import argparse
@@ -113,7 +114,7 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
 def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
     """Return a hash of everything on which a result depends.
 
-    This is sources, drive, golden hashes, compiler, emulator and flags."""
+    A result depends on sources, drive, golden hashes, compiler, emulator and flags."""
     files = [work.write_sources() / name for name in ("tse.c", "tse.h", "rows.h")]
     files += [m.HERE / "replay.c", m.HERE / machine.port]
     files += [
@@ -131,7 +132,8 @@ def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
 def list_results(only: str, short: bool) -> list[Result]:
     """Return a Result without a verdict for each machine and format to run.
 
-    Emulated machines come first, because no preset of CMake runs them."""
+    Emulated machines come first, because only this script tests them: the presets of
+    CMake test the compilers of this computer."""
     out = []
     for machine in sorted(m.list_machines(), key=lambda x: not x.run):
         for real in m.read_formats():

@@ -115,7 +115,7 @@ def wrap_prose(text: str) -> str:
 
 
 def find_pages() -> list[Path]:
-    """Return the Markdown files in git, except those that studies write.
+    """Return the Markdown files in git, except generated ones (LEFT_ALONE).
 
     Without git, or outside a checkout, return an empty list and print why."""
     command = ["git", "-c", "safe.directory=*", "ls-files", "*.md"]

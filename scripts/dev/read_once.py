@@ -3,8 +3,9 @@
     .venv/bin/python scripts/dev/read_once.py [--count N] [--seed N] [--skip SEED ...]
 
 Prints N places of the sources, each with the lines of code around it. The reader says in
-one sentence what each text means, and whether it had to be read twice. --skip leaves out
-places that earlier calls have drawn, given by their seeds. They must have had the same N.
+one sentence what each text means, and whether it had to be read twice. --skip names the
+seeds of earlier calls, whose places are left out. Those calls must have had the same
+--count.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("include", "src", "fmu", "scripts")  # folders from which texts are drawn
-SHORTEST = 40  # min number of characters of a text; shorter texts say too little
+SHORTEST = 40  # min number of characters of a text; shorter texts are too easy
 AROUND = 6  # number of lines of code that are shown after a text
 ERRORS = re.compile(r"(Error|note|warn|print|say)$")  # functions that make a message
 

@@ -115,7 +115,7 @@ class Release:
 
 
 def pack_source(r: Release) -> None:
-    """Pack all files of the commit: the C library with CMake, the FMUs and the tests."""
+    """Pack all files of the commit: sources of the C library and FMUs, CMake, tests."""
     r.pack_folder(f"tse-{r.version}-source.tar.gz", r.source, f"tse-{r.version}-source")
 
 
@@ -125,7 +125,7 @@ def build_sdist(r: Release) -> None:
 
 
 def build_wheels(r: Release) -> None:
-    """Build a wheel for each platform. zig compiles the library in it."""
+    """Build a wheel for each platform, with the C library that zig compiles for it."""
     import ziglang
 
     zig = Path(ziglang.__file__).parent / "zig"
@@ -172,7 +172,7 @@ def pack_amalgamation(r: Release) -> None:
 
 
 def build_site(r: Release) -> None:
-    """Build the documentation site for reading offline, with the page for browsers."""
+    """Build the offline documentation site, with the web page that runs the filter."""
     link_headers(r)
     r.run("cmake", "--preset", "lab")
     r.run("cmake", "--build", "--preset", "lab")
@@ -288,7 +288,7 @@ def empty_folder(out: Path) -> None:
     Raises
     ------
     Failed
-        The folder has files that are no release.
+        The folder has files, but not the list of hashes that each release has.
     """
     if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
         raise Failed(

@@ -49,7 +49,9 @@ def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
 
 
 def find_required(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
-    """Return the entries of read_pins() for the packages `direct` and what they need."""
+    """Return the entries of read_pins() for the packages `direct` and their dependencies.
+
+    Dependencies of dependencies are included."""
     all_of_them = read_pins(lock)
     names, before = set(direct) & set(all_of_them), set()
     while names != before:

@@ -10,7 +10,8 @@
 For each value, a library is built with a changed copy of tables/constants.h. This library
 and the unchanged one run on the same drives. A change is marked by `*` if it is
 significant: the 95 % interval of the ratio of the RMS errors does not contain 1. DIR is
-the output of `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR`.
+the folder to which `tests.cars.study --keep DIR` and then `tests.cars.events --calibrated
+DIR` have written the drives of calibrated cars.
 """
 
 import argparse
@@ -104,10 +105,11 @@ def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarr
 
 
 def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
-    """Return the RMS error of `now` / that of `base`, with `*` if it is significant.
+    """Return RMS error of `now` / RMS error of `base`, with `*` if significantly not 1.
 
-    Errors of all runs and stiffnesses are pooled. The ratio is significant if its 95 %
-    interval, a bootstrap over the runs, does not contain 1.
+    `base`, `now`: RMS errors with the unchanged and with the changed constant, (runs, 3
+    stiffnesses). All runs and stiffnesses are pooled. The ratio differs significantly
+    from 1 if its 95 % interval, from a bootstrap over the runs, does not contain 1.
     """
     a, b = np.sqrt((base**2).mean(1)), np.sqrt((now**2).mean(1))
     rng = np.random.default_rng(1)
@@ -119,7 +121,9 @@ def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
 
 
 class Cars:
-    """Drives of the calibrated cars of an earlier study, without and with an event."""
+    """Test drives of calibrated cars, as an earlier study has written them to a folder.
+
+    `calm`: drives on an unchanged road. `events`: drives with an event, such as ice."""
 
     def __init__(self, folder: Path):
         self.calm, self.events = [], []
@@ -133,7 +137,9 @@ class Cars:
             self.events.append(job)
 
     def format_scores(self, lib: Library | None) -> str:
-        """Run the filter of a library on all drives. Return ON_CARS as table cells."""
+        """Run the filter of a library on all drives.
+
+        Return the values of the columns ON_CARS as cells of a Markdown row."""
         runs = [
             study.score(*study.estimate_log(path, log, lib=lib), log, truth) for path, log, truth in self.calm
         ]

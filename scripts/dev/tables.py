@@ -46,12 +46,13 @@ CONFIG = (
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
-# In these tables, some settings act in one filter only. ONLY has the suffix that is added
-# to the text of such a setting. Its key is the value of the setting's column `filter`.
+# In these tables, some settings act in one filter only: the column `filter` of the
+# setting names this filter. ONLY has, for each filter, the suffix that is added to the
+# text of such a setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; default filter", "paper": "; paper's filter"}
-# First part of the sentence on how the filters use an effect. The key is the value of the
-# effect's column `filter`.
+# First part of the sentence on how the filters use an effect. Key: value of the column
+# `filter` of the effect.
 USES = {
     "both": "both filters use it",
     "default": "the default filter uses it, the paper's does not",
@@ -61,7 +62,7 @@ Row = dict[str, Any]
 
 
 def read(name: str) -> Row:
-    """Return a table of src/tables, unchanged."""
+    """Return a table of src/tables as the file states it, without added defaults."""
     table = tomllib.loads((ROOT / "src" / "tables" / f"{find_file(name)}.toml").read_text(encoding="utf-8"))
     return table[name] if name in SECTIONS else table
 
@@ -362,7 +363,8 @@ def describe_settings() -> list[str]:
 def count_effect_numbers() -> list[str]:
     """Return the definition of TSE_EFFECT_NUMBERS, the number of reals in tse_effects.
 
-    They are the settings of the effects and ten numbers for mass and formula.
+    These reals are the settings of the effects, the mass, and nine numbers of the
+    formula: its gain and its eight named numbers.
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 
@@ -525,15 +527,17 @@ def list_changes() -> list[str]:
     return [f"{{ {quote(r['word'])}, {quote(r['text'])} }}," for r in read("output")["change"].values()]
 
 
-DEFINITION = re.compile(  # definition in a C file of a function or array that is not static
+DEFINITION = re.compile(  # definition of a non-static function or array in a C file
     r"^(?!static|typedef|#|\s|TSE_INLINE)[a-z][\w *]*?\b(\w+)(?:\([^;{}]*\)\s*\{|\[[^\]]*\] = \{)", re.M
 )
 
 
 def define_internal_names() -> Iterator[str]:
-    """Yield a macro that adds a prefix to the internal names that the linker sees.
+    """Yield macros that add a prefix to internal names, so that they cannot collide with
+    names of the program into which the library is linked.
 
-    These are functions and arrays of src that are neither static nor part of the API.
+    Internal names are those of functions and arrays of src that are neither static nor
+    part of the API.
     """
     for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
         texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]

@@ -96,8 +96,8 @@ def format_signature(name: str, thing: Any) -> str:
 
 
 def make_python_api() -> str:
-    """Return signatures and docstrings: of each public function and class of tse, and of
-    the public methods and properties of each class."""
+    """Return the signature and the docstring of each public function and class of tse,
+    and of each public method and property of these classes."""
     import tse
 
     text = []

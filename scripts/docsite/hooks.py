@@ -1,7 +1,7 @@
 """Hooks that MkDocs calls when it builds the site (docs/mkdocs.yml).
 
 The site consists of README, docs/pages and the files to which they link. Files have the
-same paths as in git, so that links work in both.
+same paths on the site as in git, so that links work on the site and in git.
 """
 
 import html

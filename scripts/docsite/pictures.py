@@ -51,7 +51,8 @@ Inks = dict[str, str]
 
 
 def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
-    """Simulate square waves; estimate with the parameters of the simulated car."""
+    """Simulate square waves of the steering angle. Estimate with the parameters of the
+    simulated car."""
     drive = tse.simulate("square-waves", **options)
     return drive, tse.estimate(drive.log, CAR).table
 

@@ -14,7 +14,7 @@ from tse.library.errors import UserError
 from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
-DRIVE_DURATION = 6.0  # [s] duration of the simulated drive: a verdict needs several seconds
+DRIVE_DURATION = 6.0  # [s] duration of the simulated drive: long enough for a verdict
 ESTIMATE = "estimate log.csv --vehicle car.toml"
 ERROR_PREFIX = "tselab: error"
 
@@ -81,7 +81,7 @@ def run_case(name: str) -> tuple[int, str]:
             done = CliRunner().invoke(cli, [*arguments.split(), "--no-progress"], standalone_mode=False)
         finally:
             os.chdir(before)
-    if isinstance(done.exception, UserError):  # tselab.cli.main() prints it and ends with code 2
+    if isinstance(done.exception, UserError):  # tselab.cli.main() prints this error, code 2
         return 2, f"{done.output}{ERROR_PREFIX}: {done.exception}"
     if done.exception is not None:
         raise done.exception

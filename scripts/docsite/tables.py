@@ -499,7 +499,8 @@ CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}
 
 
 def make_controller() -> str:
-    """Return a table for microcontrollers: time for a row, min clock rate, memory.
+    """Return a table for microcontrollers: time of a filter step, memory, and the lowest
+    clock rate at which the processor keeps up with 100 rows per second.
 
     The numbers are computed from scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
@@ -570,10 +571,11 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
 
 
 def make_measured_cars() -> str:
-    """Return a table of the errors of the estimated stiffness of calibrated cars.
+    """Return a table with the errors of the stiffness that the filter estimates for
+    calibrated cars.
 
-    For comparison, the table also has the errors of constant values, and those of the
-    filter for cars that are not calibrated."""
+    For comparison, the table also has the errors for cars that are not calibrated, and
+    the errors that a constant stiffness would have instead of the filter."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",
@@ -586,10 +588,11 @@ def make_measured_cars() -> str:
 
 
 def make_measured_events() -> str:
-    """Return a table of how long estimates are wrong after events.
+    """Return a table with the time for which estimates are wrong after an event, such as
+    ice or a loss of pressure.
 
-    For comparison, the table also has the time that a filter needs to find the change if
-    the time of the change is known to it."""
+    For comparison, the table also has the time after which the change is significant in a
+    filter that is started anew at the change, with a wide prior."""
 
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)

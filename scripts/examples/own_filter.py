@@ -4,7 +4,7 @@
         --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
 
 The study `peers` runs all estimators on the same simulated drives: tse, Kalman filters
-with the true covariances, and the function that is named after `+`. This function
+with the true covariances, and the function whose name follows the `+`. This function
 receives the log and the settings of car and sensors, as tse does, and returns columns in
 N and N/rad.
 
@@ -12,7 +12,7 @@ This example is a Kalman filter whose states are the compliances 1/C of both axl
 random walks. Side forces of the axles follow from yaw and lateral acceleration,
 
     Fy_front = (lr m ay + Iz dr/dt)/(lf + lr),
-    Fy_rear  = (lf m ay - Iz dr/dt)/(lf + lr),
+    Fy_rear  = (lf m ay - Iz dr/dt)/(lf + lr).
 
 The slip angles are a_f = delta - (vy + lf r)/vx and a_r = (lr r - vy)/vx. The lateral
 speed vy is not measured, but it cancels in their difference:

@@ -23,7 +23,7 @@ def read_rows() -> Iterator[dict[str, float]]:
         if i % 50:
             yield {str(name): value for name, value in row.items()}
         else:
-            # accel_x is missing in some rows, as if it were sent less often
+            # every 50th row has no accel_x, as if the bus had lost this message
             yield {str(name): value for name, value in row.items() if name != "accel_x"}
 
 

@@ -20,8 +20,8 @@ from sensors that every car has.
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
 Every stiffness is that of a whole axle. NaN is a missing value. The C library computes
 all estimates, so they have the same bits as in C. tse.tables lists the settings and the
-channels with units and ranges. tse.errors has the exceptions. tse.files has functions
-that commands built on tse use to write files.
+channels with units and ranges. tse.errors has the exceptions. tse.files has functions for
+writing files, for commands that are built on tse.
 """
 
 from __future__ import annotations

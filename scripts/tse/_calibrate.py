@@ -72,7 +72,8 @@ class Calibration(Shown):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command: 0 usable, 4 nothing usable, 12 not converged."""
+        """Exit code of `tselab calibrate`. 0: the logs determine a parameter of the car;
+        4: they determine none, or are shorter than 20 s; 12: the fit did not converge."""
         if not self.converged:
             return NOT_CONVERGED
         is_usable = self._result.seconds >= MIN_RELIABLE_SECONDS and any(
@@ -159,7 +160,7 @@ def calibrate(
     ------
     Error
         No log can be compared with a simulation, or the channels of every log contradict
-        each other. The error is a ValueError, too.
+        each other. The error is also a ValueError.
     """
     car = read_vehicle(vehicle)
     fitted, held = collect_logs(logs, car), collect_logs(hold_out, car, 0)

@@ -130,7 +130,7 @@ class Result(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result in sentences: the last ones that `tselab estimate --verbose` prints.
+        """The result in sentences, as the last lines of `tselab estimate --verbose`.
 
         For an uncalibrated car the first sentence gives the stiffness that
         the calibration on the log itself found, or says that there was no
@@ -176,7 +176,9 @@ class Result(Shown):
         no row is valid), sd, low, high (95 % interval) [N or N/rad]; smoothed (estimate
         smoothed over the stretch), smoothed_sd, smoothed_low, smoothed_high;
         smoothed_reason ("valid", or why `smoothed` should not be used); valid (share of
-        valid rows), usable, reason, change, change_probability, ratio, text."""
+        valid rows), usable, reason, change (kind of the change of road or tyres at the
+        start of the stretch), change_probability, ratio (stiffness after / before this
+        change), text (a sentence)."""
         return results.make_frame(self._make_rows(Path(), self.warnings), results.ESTIMATE_COLUMNS).drop(
             columns="log"
         )
@@ -203,9 +205,10 @@ class Result(Shown):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """The `messages` about what may be wrong: `warnings`, possible contradictions
-        between channels that the estimates do not confirm, and warnings from reading the
-        log."""
+        """The `messages` about what may be wrong: `warnings`, warnings from reading the
+        log, and doubts about the vehicle file. Such a doubt arises if the calibration on
+        this log contradicts the file, but the estimates do not show that channels are
+        wrong."""
         _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
@@ -269,7 +272,7 @@ class Result(Shown):
         return self.table
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab estimate --json`."""
+        """Return what `tselab estimate --json` prints, as a dict."""
         ran, ready = self._get_run()
         itself = None if ready.own is None else {**ready.own.found, "words": ready.vehicle.found}
         said = {
@@ -433,17 +436,17 @@ def estimate(
     Returns
     -------
     Result
-        `tselab estimate` computes the same estimates bit by bit, and so does
-        `result.filter()` if it is given the same rows. If channels contradict each other,
-        only the validity differs, because a filter that gets single rows cannot detect
-        the contradiction.
+        `tselab estimate` computes the same estimates bit by bit. `result.filter()` also
+        computes them if it is given the same rows, with one exception. If channels
+        contradict each other, estimate() marks all rows as not valid. A filter cannot do
+        this, because it gets single rows and cannot detect the contradiction.
 
     Raises
     ------
     Error
         The log has no steering angle, no wheel speed, or neither accel_y nor yaw_rate; or
         a column is not numeric, or is often out of range. The message names column, row,
-        value and range. The error is a ValueError, too.
+        value and range. The error is also a ValueError.
     TypeError
         `log` is of a type that cannot be a log.
 

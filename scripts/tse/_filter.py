@@ -52,7 +52,7 @@ class Filter:
     ------
     SettingError
         A setting is outside its range, has no effect with this form, or is unknown. The
-        error is a ValueError, and for an unknown name a KeyError, too.
+        error is also a ValueError. If the name is unknown, it is also a KeyError.
 
     Notes
     -----
@@ -262,8 +262,8 @@ class Filter:
         learnt
             Bytes from save_learnt() or Result.learnt.
         age
-            [s] Time since that drive. If it is unknown, no initial sd of the state is
-            smaller than without a learnt state.
+            [s] Time since that drive. If the time is unknown (UNKNOWN_AGE), the learnt
+            means are used, but each initial sd is at least the sd without a learnt state.
 
         Raises
         ------

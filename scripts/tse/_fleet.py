@@ -61,9 +61,10 @@ class Fleet(Shown):
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """A pair for each car: its name, and a sentence with its smallest stiffness. If
-        no stiffness is known, the sentence gives the reason. The car with the smallest
-        stiffness comes first."""
+        """A pair for each car: its name, and a sentence. The sentence has the smallest
+        cornering stiffness of the car; if no cornering stiffness is known, the
+        longitudinal stiffness; if no stiffness is known, the reason. The cars are sorted
+        in this order, with the smallest stiffness first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -80,7 +81,7 @@ class Fleet(Shown):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab fleet --json`."""
+        """Return what `tselab fleet --json` prints, as a dict."""
         logs = [
             {
                 "car": d.drive.car,
@@ -212,14 +213,14 @@ def fleet(
     Raises
     ------
     Error
-        A folder contains no log, or a vehicle file or the table is wrong. The error is a
-        ValueError, too.
+        A folder contains no log, or a vehicle file or the table is wrong. The error is
+        also a ValueError.
     Interrupted
         Ctrl-C was pressed. The message says how many logs are done.
     """
     if (vehicle is None) == (vehicles is None):
         raise ValueError(
-            "give either vehicle, the vehicle of all logs, or vehicles, a table with the vehicle of each log"
+            "give either `vehicle` (for all logs) or `vehicles` (a table with the vehicle of each log)"
         )
     if car is not None and vehicles is not None:
         raise UserError("car: is not allowed together with `vehicles`, whose column car names the cars")

@@ -32,7 +32,7 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
         The file does not exist.
     Error
         A place, signal or function is unknown, units do not match, or a number is outside
-        its range. The error is a ValueError, too.
+        its range. The error is also a ValueError.
     """
     return _read(Path(path))
 

@@ -193,7 +193,7 @@ class GapCheck:
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab gap check --json`."""
+        """Return what `tselab gap check --json` prints, as a dict."""
         found: dict[str, Any] = results.convert_to_plain(self._found.as_json())
         return found
 
@@ -254,7 +254,7 @@ class GapPlan:
         return self._found.text(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab gap plan --json`."""
+        """Return what `tselab gap plan --json` prints, as a dict."""
         rows = [{**vars(o), "needed": o.needed} for o in self._found.options]
         found: dict[str, Any] = results.convert_to_plain(
             {

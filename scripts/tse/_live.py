@@ -176,7 +176,7 @@ class Live:
         return results.choose_exit_code(found) if found else results.NOTHING
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab live --json`. Call close() first."""
+        """Return what `tselab live --json` prints, as a dict. Call close() first."""
         est, found, _, against = self._get_result()
         said: dict[str, Any] = {
             "vehicle": self._drive.vehicle.path,
@@ -283,8 +283,8 @@ def live(
     Raises
     ------
     Error
-        The bus cannot be opened, no database has a signal, or the folder is not empty.
-        The error is a ValueError, too.
+        The bus cannot be opened, no database has a signal, or the folder `out` is not
+        empty. The error is also a ValueError.
     """
     if (bus is None) == (interface is None):
         raise TypeError("live() needs either an interface or an open bus: give one of them")

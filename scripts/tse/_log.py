@@ -125,7 +125,7 @@ def read_log(
         The file does not exist.
     Error
         The file is damaged, or lacks a required channel. The message names file, line and
-        column. The error is a ValueError, too.
+        column. The error is also a ValueError.
     """
     car = None if vehicle is None else read_vehicle(vehicle)
     file = Path(signals) if signals is not None else None
@@ -239,7 +239,7 @@ class Signals(Shown):
         return Path(path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab signals --json`."""
+        """Return what `tselab signals --json` prints, as a dict."""
         found: dict[str, Any] = convert_to_plain(
             {
                 "log": self._recording.path,

@@ -94,9 +94,9 @@ def simulate(
     seed
         Seed of the random numbers. The same seed gives the same drive.
     duration, speed, amplitude
-        Duration [s], initial speed [m/s] and amplitude of the manoeuvre. `tselab simulate
-        --help` gives the meaning and unit of the amplitude, usually rad of steering.
-        None: the manoeuvre's own value.
+        Duration [s], initial speed [m/s] and amplitude of the manoeuvre. The amplitude is
+        usually an angle of the road wheels [rad]; `tselab simulate --help` gives its
+        meaning and unit. None: the manoeuvre's own value.
     road_changes
         Pairs (time [s], factor). From the time of a pair on, every stiffness is the
         factor of this pair times its nominal value.
@@ -177,8 +177,8 @@ class Replayed(Shown):
         return along.measure_misfit(self._table)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab replay --json`: the result
-        of apart(), and the notes."""
+        """Return what `tselab replay --json` prints, as a dict: the result of apart(),
+        and the notes."""
         parts = {c: asdict(a) for c, a in self.apart().items()}
         found: dict[str, Any] = convert_to_plain({"apart": parts, "notes": self.notes})
         return found
@@ -249,8 +249,8 @@ def replay(
     Raises
     ------
     Error
-        Rows are more than 1 s apart, or a value is outside its range. The error is a
-        ValueError, too.
+        Rows are more than 1 s apart, or a value is outside its range. The error is also a
+        ValueError.
     """
     car = read_vehicle(vehicle)
     config = Config.exact(car.values)

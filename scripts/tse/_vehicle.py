@@ -54,7 +54,7 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
         The file does not exist.
     Error
         A value is outside its range, or a key is unknown or missing. The message names
-        them. The error is a ValueError, too.
+        them. The error is also a ValueError.
     """
     if isinstance(vehicle, Vehicle):
         return deepcopy(vehicle)
@@ -95,7 +95,7 @@ def simulated_car() -> dict[str, Any]:
 
 
 def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path:
-    """Write the settings of a car as a C header, for any number format.
+    """Write the settings of a car as a C header, for the library in any number format.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
     )
     assert [x.path.name for x in found] == ["good.csv"]
     assert len(notes) == 2 and all(n.startswith("left out: ") for n in notes) and "is no table" in notes[0]
-    assert "nothing is learnt from it" in notes[1] and "accel_y is positive to the right" in notes[1]
+    assert "channels contradict each other" in notes[1] and "accel_y is positive to the right" in notes[1]
     with pytest.raises(UserError, match="is no table"):
         read_agreeing([tmp_path / "bad.csv", tmp_path / "turned.csv"], [], Reading())
 

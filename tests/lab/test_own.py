@@ -301,7 +301,7 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     first, second, _ = json.loads(done.out)["logs"]
     assert "calibrated on the log itself" in first["notes"][0]
     assert any(
-        n.startswith("left out: ") and "2026-01-03.csv: nothing is learnt from it" in n
+        n.startswith("left out: ") and "2026-01-03.csv: channels contradict each other" in n
         for n in first["notes"]
     )
     assert not any(

@@ -11,14 +11,15 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
 {
   memset(loop, 0, sizeof *loop);
   loop->coming.missing = NOTHING;
-  tse_status status = tse_self_test(wrong); /* check that this build rounds as it must */
+  /* < 0 if this build rounds differently from the tested ones, e.g. by -ffast-math */
+  tse_status status = tse_self_test(wrong);
   if (status >= 0) status = tse_prepare(c, &loop->params, wrong);
   if (status >= 0) status = tse_reset(&loop->params, &loop->filter, sizeof loop->filter);
   return status;
 }
 
-/* Return raw / per, rounded to the nearest number. A product such as raw * 1e-5 would not
- * always be the nearest number. */
+/* Return raw / per, rounded to the nearest tse_real. A product such as raw * 1e-5 would
+ * not always be the nearest tse_real, because 1e-5 itself is rounded. */
 static tse_real divide(int32_t raw, int32_t per)
 {
 #if defined(TSE_REAL_FIXED)
@@ -30,8 +31,9 @@ static tse_real divide(int32_t raw, int32_t per)
 #endif
 }
 
-/* Read number k of a frame, whose unit is 1/per, into the channel *to. Clear its bit in
- * u->missing. If the frame marks the number as not valid, change nothing. */
+/* Read number k of a frame into the channel *to. The number is an integer in units of
+ * 1/per of the SI unit. Clear the bit of the channel in u->missing. If the frame marks
+ * the number as not valid, change nothing. */
 static void decode(tse_input *u, const can_frame *f, int k, int32_t per, uint32_t bit, tse_real *to)
 {
   const uint8_t *const b = &f->data[3 * k];
@@ -59,7 +61,8 @@ void loop_received(control_loop *loop, const can_frame *f)
   }
 }
 
-/* Complete a row. A period without frames gives no row, but is part of the next dt. */
+/* Complete a row. A period without frames gives no row. The time of this period is part
+ * of the dt of the next row. */
 void loop_period(control_loop *loop)
 {
   loop->periods++;

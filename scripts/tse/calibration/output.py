@@ -31,7 +31,9 @@ from tse.library.core import NOMINAL
 from tse.library.files import write_atomically
 from tse.report.results import convert_to_plain
 
-MAX_ROLL_STEER_SD = 0.03  # max value of the setting roll_steer_sd in a calibrated vehicle file
+# [1] Max value of the setting roll_steer_sd, the sd of rear_roll_steer_gain, in a
+# calibrated vehicle file. An uncalibrated car has 0.04 (src/tables/uncalibrated.toml).
+MAX_ROLL_STEER_SD = 0.03
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:

@@ -40,8 +40,9 @@ MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
 END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
-# The logs determine the cornering stiffness of an axle if the sd of its ln is below this
-# limit. If they determine it for neither axle, the calibration is not used.
+# The logs determine the cornering stiffness of an axle if the sd of ln(stiffness) is
+# below this limit: the 95 % interval is then narrower than stiffness / 1.41 .. stiffness
+# x 1.41. If the logs determine neither axle, the calibration is not used.
 MAX_SHOWN_SD = 0.175
 MAX_SEARCH_SECONDS = 300.0  # [s] max run time of the search
 STOPPED = "it was stopped by Ctrl-C"
@@ -126,9 +127,11 @@ def calibrate_once(
 
 @contextmanager
 def _remove_on_exit(lock: Path) -> Iterator[None]:
-    """Remove the lock file on exit. If a different process has opened the file just
-    before, its lock no longer excludes other processes, so the same calibration may run
-    twice. This only costs time."""
+    """Remove the lock file on exit.
+
+    If a second process has opened the file just before, it then locks a file that no
+    longer exists. A third process creates a new lock file and does not wait for the
+    second one, so the same calibration may run twice. This only costs time."""
     try:
         yield
     finally:

@@ -1,5 +1,5 @@
 """Write the HTML page of a calibration: the numbers found, their intervals, and the
-misfit of the model before and after."""
+misfit of the model before and after the calibration."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -98,7 +98,7 @@ def draw_bands(result: CalibrationResult) -> go.Figure:
 
 
 def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
-    """Return the figure of the residual rms of each log as bars, before and after."""
+    """Return a bar chart: rms residual of each log before and after the calibration."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
     figure = make_subplots(
         1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True

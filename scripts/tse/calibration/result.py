@@ -30,8 +30,9 @@ from tse.library.core import Config
 # [s] Min total length of the logs. With shorter logs, the search converges near the
 # prior, and the differences from the prior are due to chance.
 MIN_RELIABLE_SECONDS = 20.0
-# Max ratio of the residual rms after the calibration to the rms before. A larger ratio
-# means that the log is of a different car.
+# [1] Max ratio of the rms residual after the calibration to the rms residual before it. A
+# larger ratio means that the calibrated car fits this log worse: the log is probably of a
+# different car.
 MAX_WORSE_RATIO = 1.05
 # Max |posterior mean - prior mean| of a parameter in STATED, in prior sds. A larger
 # difference means that the vehicle file is wrong. With correct files it was at most 2.4.

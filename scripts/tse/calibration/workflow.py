@@ -33,14 +33,15 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-# [s] Min sd of the steering lag. Logs cannot determine it more accurately, because errors
-# of the modelled tyre relaxation and lags have the same effect.
+# [s] Min sd of the steering lag. Logs cannot determine the lag more accurately, because
+# an error in the modelled tyre relaxation, or in another modelled lag, changes the
+# channels like an error in the steering lag.
 MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of a gyro bias. Larger values come from model
 # errors in turns, not from the gyro.
 MAX_GYRO_WALK = 0.001
-# Min number of differences between neighbouring values, if all different values of a
-# channel are sorted. With fewer differences, no quantisation step is estimated.
+# Min number of steps between the sorted distinct values of a channel, i.e. number of
+# distinct values minus 1. With fewer steps, no quantisation step is estimated.
 MIN_STEPS = 10
 
 

@@ -17,7 +17,9 @@ from tse.library.errors import UserError
 from tse.library.files import read_toml
 from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
-GAP_IN_SAMPLES = 5  # [sample times] min of the setting max_gap
+# [sample times] Min of the setting max_gap. With a smaller value, a few missing rows of a
+# slowly sampled log would already be treated as a gap.
+GAP_IN_SAMPLES = 5
 # Front and rear wheel speed are the same signal if their ratio varies by less than
 # SAME_RATIO over all rows with a wheel speed above ROLLING [rad/s], and if there are more
 # than MANY such rows.
@@ -90,8 +92,9 @@ def make_config(
     Raises
     ------
     UserError
-        A setting is outside its range. Or an optional channel would have no effect, or a
-        setting that belongs to an optional channel.
+        A setting is outside its range. Or the log has an optional channel that this form
+        does not use. Or `options` or the file state a setting for an optional channel
+        that the log does not have.
     """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -132,19 +135,21 @@ def filter_of(config: Config) -> str:
 def is_used(name: str, config: Config) -> bool:
     """Return whether the filter that `config` selects uses the setting `name`.
 
-    Settings of the other filter are not used. Replaced settings are not used either: if
-    the setting `name` has a `replaced_by`, i.e. the name of a second setting, and this
-    second setting is not 0, then the second setting is used instead."""
+    A setting is not used if it belongs only to the filter that is not selected. A
+    replaced setting is not used either: if `replaced_by` of the setting `name` is the
+    name of a second setting, and this second setting is not 0, the second setting is used
+    instead."""
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
 
 
 def check_effect(names: Collection[str], config: Config) -> None:
-    """Raise an error if a setting for this run belongs to the other filter.
+    """Raise an error if a setting for this run belongs to the filter that is not
+    selected.
 
-    Such a setting would have no effect. Settings in a vehicle file are accepted, since
-    the file is used with both filters. unused_notes() lists those without effect.
+    Such a setting would have no effect. In a vehicle file, such settings are accepted,
+    since the file is used with both filters. unused_notes() lists them.
 
     Parameters
     ----------
@@ -157,7 +162,7 @@ def check_effect(names: Collection[str], config: Config) -> None:
     Raises
     ------
     SettingError
-        A setting belongs to the other filter.
+        A setting belongs to the filter that is not selected.
     """
     for name in config.changed():
         use = library().settings[name]
@@ -177,11 +182,12 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Raise an error if an optional channel, or a setting for one, has no effect.
+    """Raise an error if an optional channel of the log has no effect, or a setting for an
+    optional channel.
 
     `asked`: names of the settings that the user states for this run. Settings in the
-    vehicle file are not checked, since the file is used for all logs of the car, whether
-    they have these channels or not.
+    vehicle file are not checked, since the file is used for all logs of the car, with and
+    without these channels.
     """
     if log is None:
         return

@@ -1,11 +1,11 @@
 """Read a formula of the user. Convert it to settings or C, or evaluate it for a log.
 
-With a formula, a user adds an effect to the model that the catalogue of effects lacks. It
-consists of a place, i.e. a quantity of the model, an expression that is added to this
-quantity, and the named numbers in the expression. The expression is checked and compiled
-to a program: a list of operations in postfix order. The program is stored in the settings
-formula_code_<k>. Each number is stored in one of the settings formula_a, formula_b, ...
-(src/tables/formula.toml). This setting is called the slot of the number.
+With a formula, a user adds an effect to the model that the catalogue of effects lacks. A
+formula consists of a place, i.e. a quantity of the model, an expression that is added to
+this quantity, and the named numbers in the expression. The expression is checked and
+compiled to a program: a list of operations in postfix order. The program is stored in the
+settings formula_code_<k>. Each number is stored in one of the settings formula_a,
+formula_b, ... (src/tables/formula.toml). This setting is called the slot of the number.
 """
 
 from __future__ import annotations
@@ -330,9 +330,9 @@ def format_toml(formula: Formula) -> str:
 def format_c_header(formula: Formula) -> str:
     """Return the formula as C99 code in a header.
 
-    If the library is compiled with this header, it executes the code and needs no
-    interpreter of programs. The numbers of the formula remain settings, so their values
-    may change at run time.
+    A library that is compiled with this header executes this code instead of interpreting
+    the program in the settings formula_code_<k>. The numbers of the formula remain
+    settings, so their values may change at run time.
     """
     program, table = formula._program, library().formula_ops
     place = library().formula_places[formula.place]
@@ -465,9 +465,11 @@ def _parse_text(text: str) -> ast.expr:
 
 
 class _Compiler:
-    """Visits a syntax tree, appends its operations to `steps`, and returns its dimension.
+    """Visitor of the syntax tree of an expression.
 
-    A step is the name of an operation, signal or number, or the value of a literal.
+    Visiting a node appends the operations of the node to `steps`, and returns the
+    dimension of its value. A step is the name of an operation, signal or number, or the
+    value of a literal.
     """
 
     def __init__(self, text: str, units: Mapping[str, Any]):
@@ -516,7 +518,7 @@ class _Compiler:
                 node, f"exceeds the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
             )
         if memories.count("late") > _get_limit("FORMULA_LATE"):
-            raise self.make_error(node, f"exceeds the {_get_limit('FORMULA_LATE')} 'late' that is allowed")
+            raise self.make_error(node, f"exceeds the {_get_limit('FORMULA_LATE')} 'late' that are allowed")
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Append the operations of a part of the expression, and return its dimension.
@@ -705,7 +707,7 @@ def _advise_literal(*parts: ast.expr) -> str:
     """Return advice on a wrong unit if a part contains only literals, otherwise ""."""
     if all(any(isinstance(node, ast.Name) for node in ast.walk(part)) for part in parts):
         return ""
-    return "; a literal has no unit: make it a number of the file, [numbers.<name>], that has one"
+    return "; a literal has no unit: replace it by a name, with value and unit in [numbers.<name>]"
 
 
 def _count_indent(text: str) -> int:
@@ -816,7 +818,8 @@ def _escape_comment(text: str) -> str:
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", line)
 
 
-# ---- Operations of a program on arrays, (rows,). h: [s] time since the row before
+# ---- Operations of a program, for all rows of a log at once. All arrays are (rows,).
+# h: [s] time since the row before
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -841,9 +844,9 @@ PLAIN_FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float]]:
-    """Return the function with its arrays converted to lists.
+    """Return a function that takes arrays, converts them to lists, and calls `function`.
 
-    A loop over lists is several times faster than one over arrays."""
+    A loop over the elements of a list is several times faster than over an array."""
     return functools.wraps(function)(lambda *arrays: function(*(a.tolist() for a in arrays)))
 
 
@@ -883,7 +886,8 @@ def _apply_second(
 
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Delay a signal by `delay` [s]. It is taken as constant before the first row."""
+    """Delay a signal by `delay` [s]. Before the first row, the signal is taken as
+    constant."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 

@@ -1,4 +1,5 @@
-"""Read and check a vehicle file; set missing values by rules."""
+"""Read and check a vehicle file. Fill in missing values, from an ordinary car or a
+log."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
 # Keys whose values a calibration takes as known. If one of them is changed afterwards,
 # the calibration is no longer valid.
 CALIBRATED_FACTS = ("mass", "lf", "lr")
-MAX_REAR_RATIO = 1.05  # [1] max lf / lr of cars with front-wheel drive
+# [1] Max lf / lr of cars with front-wheel drive. Their front axle carries more than half
+# of the weight, so lf / lr is below 1. A larger ratio is an error in the file.
+MAX_REAR_RATIO = 1.05
 # keys at the top of the file that are not settings
 DESCRIPTIVE = (
     "name",
@@ -48,7 +51,8 @@ VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "ca
 # name in VEHICLE_TABLES (ratio of difflib: 1 is equal).
 MIN_TABLE_LIKENESS = 0.75
 MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
-HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")  # keys that are not used
+# keys with a stiffness that the author of the file guessed: not used, but there is a note
+HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
 # Lower limits of the uncertainty that a calibrated file gives the prior of the filter.
 # Without these limits, the prior would be too certain, since the covariance of the
@@ -72,15 +76,15 @@ DRIVEN = {"both": 0, "front": 1, "rear": 2}  # values of the setting driven_axle
 
 @dataclass
 class Vehicle:
-    """Contents of a vehicle file, completed by values that rules set for missing keys."""
+    """Contents of a vehicle file, and the values that were filled in for missing keys."""
 
     path: Path | None
     name: str
     values: dict[str, float]  # settings by name
     facts: dict[str, Any]  # keys of the file that are not settings: DESCRIPTIVE, HINT_ONLY
-    # messages on the values that rules have set
+    # messages on the values that were filled in for missing keys
     filled: list[str] = field(default_factory=list)
-    # messages on the results of a calibration with the estimated log itself
+    # messages on a calibration with the same log in which the stiffness is estimated
     found: list[str] = field(default_factory=list)
     given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
@@ -250,7 +254,7 @@ def make_default_vehicle() -> Vehicle:
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read and check a vehicle file; set missing stiffnesses by rule.
+    """Read and check a vehicle file. Fill in missing yaw inertia, stiffnesses and sds.
 
     An unknown table only causes a note, since it may be meant for a different program.
 
@@ -258,7 +262,8 @@ def read_vehicle(path: Path) -> Vehicle:
     ------
     UserError
         The file cannot be read, or a key is invalid or unknown. Unknown keys are errors,
-        since a rule would otherwise replace the value of a misspelt key.
+        since the value of a misspelt key would otherwise be ignored, and that of an
+        ordinary car would be filled in.
     """
     path = Path(path)
     return make_vehicle(read_toml(path), path)
@@ -462,7 +467,7 @@ def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
 def _find_formula(path: Path, table: dict[str, Any]) -> Path | None:
     """Return the path of the file that [formula] names; None: there is no such table.
 
-    It must be in the folder of the vehicle file."""
+    The file must be in the folder of the vehicle file."""
     if not table:
         return None
     name = table.get("file")
@@ -614,7 +619,10 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
 
 
 def _fill_vehicle(vehicle: Vehicle) -> None:
-    """Set missing yaw inertia, stiffnesses and uncertainties by rule, with messages."""
+    """Fill in missing values, and append messages to `filled`.
+
+    Yaw inertia and stiffnesses become those of an ordinary car with the same mass, lf and
+    lr. Uncertainties become those of an uncalibrated car."""
     v = vehicle.values
     ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     fields = Config().fields

@@ -25,10 +25,11 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# [1] sd of the logarithm of each ratio in logs with correct units. Causes of this sd:
-# accel_y: body roll and bank of the road (ratios of 0.91 .. 1.10 for the cars of
-# tests/cars and the real logs). accel_x: pitch and grade. steer_angle: steering
-# compliance and an inexact steering ratio.
+# [1] sd of the logarithm of each ratio of measured to expected values, in logs with
+# correct units. The ratios differ from 1 for these reasons. accel_y: body roll and bank
+# of the road (ratios of 0.91 .. 1.10 for the cars of tests/cars and the real logs).
+# accel_x: pitch and grade. steer_angle: steering compliance and an inexact steering
+# ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 # [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
 # not state the track.
@@ -47,11 +48,12 @@ LOST_FIGURE_PRICE = 30.0
 # [1] A ratio is used only if the correlation of measured and expected values exceeds this
 # limit. steer_angle: only if the fit explains more than this share of its variance.
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
-# [1] If the correlation of a ratio exceeds MIN_FIT with one assumed unit of the speed,
-# the ratio is also used with other units if its correlation with them exceeds MIN_FIT -
-# FIT_SLACK. Otherwise, units would be compared by different sets of ratios. A real log
-# was thus wrongly reported as km/h: the correlation of accel_y was 0.898, below MIN_FIT,
-# with the correct speed, but 0.913 with 0.85 times this speed.
+# [1] If the correlation of a ratio exceeds MIN_FIT with one assumed unit of the speed, a
+# lower limit applies to this ratio with all other units: MIN_FIT - FIT_SLACK. Otherwise,
+# two units could be compared by different sets of ratios. This has caused a false report
+# in a real log. With the correct unit, the correlation of accel_y was 0.898, so this
+# ratio was not used. With km/h, which gives 0.85 times the speed, it was 0.913, so the
+# ratio was used, and km/h was reported.
 FIT_SLACK = 0.05
 # [1] cost of correcting one channel by any factor: CAUSE_PRICE, plus the cost of choosing
 # the factor from 1/20 .. 20 with the accuracy of FIGURE_SD. A mistake of a known unit is
@@ -100,12 +102,12 @@ WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
 )
 # key of each ratio -> its name in messages
 FIGURES = {
-    "accel_y": "accel_y over speed x yaw_rate",
-    "accel_x": "accel_x over the change of wheel speed x wheel radius",
-    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, without understeer",
-    "speed": "wheel speed x radius over vehicle_speed",
-    "track_front": "right less left front wheel over yaw_rate x track",
-    "track_rear": "right less left rear wheel over yaw_rate x track",
+    "accel_y": "accel_y / (speed x yaw_rate)",
+    "accel_x": "accel_x / (rate of change of wheel speed x wheel radius)",
+    "steer_angle": "steer_angle / (wheelbase x yaw_rate / speed), without understeer,",
+    "speed": "(wheel speed x radius) / vehicle_speed",
+    "track_front": "(speed of right - left front wheel) / (yaw_rate x track)",
+    "track_rear": "(speed of right - left rear wheel) / (yaw_rate x track)",
 }
 
 # [s] Wheel speeds of 0 in a moving car are reported if they last at least this long.
@@ -130,8 +132,9 @@ MIN_AXLE_SHARE = 0.25
 MIN_IMU_TURN = 0.2
 # If the two wheels of one side of the car are logged as an axle, the logged front minus
 # rear wheel speed is proportional to the yaw rate. SIDE_LEVER: [m] allowed range of the
-# factor. MIN_SIDE_SHARE: [1] min share of the variance of the difference that the yaw
-# rate must explain. The variance that slip explains is not counted.
+# magnitude of this factor, which is then the track of the car. MIN_SIDE_SHARE: [1] min
+# share of the variance of the difference that the yaw rate must explain. The variance
+# that slip explains is not counted.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
 # [s] max magnitude of the delay of accel_y behind the yaw rate. In logs with a correctly
 # placed IMU, this delay is -0.06 .. 0.1.
@@ -189,7 +192,7 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
     Raises
     ------
     UserError
-        No log can be used: the error of the first log.
+        No log can be used. The message is the reason for the first log.
     """
     found: list[CheckedLog] = []
     refused: list[UserError] = []
@@ -200,7 +203,7 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
             log = given if isinstance(given, CheckedLog) else read_log(given, reading=reading)
             against = check_car(select_liveliest(log, MAX_CHECKED_ROWS), car, Config.exact(car.values))
             if surely := select_certain(against):
-                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
+                raise UserError(f"{path}: channels contradict each other: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
             found.append(log)
         except UserError as error:
@@ -339,7 +342,7 @@ def check_units(
             return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
-        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
+        f"check the units: {FIGURES[name]} is {x:.3g}, but about 1 is expected; no unit that is "
         f"often mixed up explains it{_list_alternatives(name, x)}"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > MAX_UNEXPLAINED + 2 * plain[1].sd[name]
@@ -383,15 +386,16 @@ def _holds_throughout(
 
 
 def _list_alternatives(name: str, x: float) -> str:
-    """Return further explanations of a wrong ratio, as the end of a sentence.
+    """Return the last part of a warning: mistakes other than units that explain the
+    ratio.
 
     `name`: name of the ratio. `x`: its value."""
     if name == "accel_x":
-        return f": time, if its steps are {x:.3g} times the true ones"
+        return f"; a wrong time explains it if its steps are {x:.3g} times the true steps"
     if name != "steer_angle":
         return ""
     braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < MAX_HANDLING else ""
-    return f", a wrong steering ratio or wheelbase does{braking}"
+    return f"; a wrong steering ratio or wheelbase explains it{braking}"
 
 
 def _compute_free_factor_cost(figures: Figures) -> float:
@@ -637,7 +641,8 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
 
 
 def _check_time(log: CheckedLog, radius: float) -> list[str]:
-    """Return a warning if the time of a slowly sampled log is wrong, e.g. counts rows.
+    """Return a warning if the column time of a slowly sampled log is wrong, e.g. if it
+    counts rows instead of seconds.
 
     The integral of accel_x over the logged time must equal the change of the speed."""
     step, n = float(log.sample_time or 0.0), SLOW_ROWS
