@@ -452,7 +452,7 @@ function checkUnits(rows, car, { ratio, tracks } = {}) {
     (Math.abs(along.corr) > 0.5 || !y.rows || Math.abs(y.corr) < 0.2)
   ) {
     out.push(
-      `check the axes: accel_x goes with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ` +
+      `check the axes: accel_x correlates with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ` +
         `${short(x.slope)}) and accel_y does not (${y.corr.toFixed(2)}): accel_x and accel_y are swapped`,
     );
   }

@@ -21,7 +21,7 @@ FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
 # unit: they are relative to their nominal values.
 UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}
 HEAD = '''\
-"""Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""
+"""Names, units and ranges of the C library. scripts/dev/api_tables.py wrote it."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ def write_module() -> str:
             "",
             "",
             "class Status(IntEnum):",
-            '    """Use of a row. Below 0: the row was refused, and the estimates are unchanged; 0: the',
-            '    row was used; above 0: it was used, with this warning."""',
+            '    """What the filter did with a row. Below 0: it refused the row, and the estimates are',
+            '    unchanged. 0: it used the row. Above 0: it used the row, with this warning."""',
             "",
             *status,
             "",
@@ -149,8 +149,8 @@ def write_module() -> str:
             "",
             "@dataclass(frozen=True, slots=True)",
             "class Estimate(EstimateBase):",
-            '    """Estimates after a row. SI units; a stiffness is that of an axle; `_sd` is the',
-            '    standard deviation of an estimate."""',
+            '    """Estimates after a row. SI units. A stiffness is the sum of both tyres of an axle.',
+            '    `_sd` is the standard deviation of an estimate."""',
             "",
             *write_estimate(),
             "",

@@ -270,8 +270,9 @@ def list_machines() -> list[Machine]:
 def write_rows() -> str:
     """Return the recorded drive as the text of rows.h.
 
-    Numbers are copied digit by digit. The compiler converts each to the nearest value of
-    its number format.
+    A row is ROW(dt, channels ..., missing). Bit k of `missing` is 1 if channel k has no
+    value in this row. Numbers are copied digit by digit. The compiler converts each to
+    the nearest value of its number format.
     """
     out = []
     with DRIVE.open() as file:

@@ -57,9 +57,9 @@ class Filter:
     Notes
     -----
     If the vehicle does not state noise and bias of a sensor, the defaults of the library
-    are used. estimate() estimates them from the log instead. Its `result.filter()`
-    returns a filter with the settings of that run. From the same rows, this filter
-    computes the same estimates bit by bit.
+    are used. estimate() estimates noise and bias from the log instead. The filter()
+    of the result of estimate() returns a filter with these settings. From the same rows,
+    this filter computes the same estimates bit by bit.
     Filters do not share state. One filter must not be used by two threads at once. copy()
     and the module copy make an independent filter. A filter cannot be pickled.
     """
@@ -109,7 +109,7 @@ class Filter:
     def latencies(self) -> dict[str, float]:
         """[s] Delay of each channel relative to yaw_rate.
 
-        The delays are the settings `steer_angle_latency` and the like, or the table
+        The delays are settings such as `steer_angle_latency`, or the table
         `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, a row is
         used only when the values of its delayed channels have arrived in later rows. So
         the estimates after a row refer to a time that is `estimate_age` [s] before it.

@@ -247,7 +247,7 @@ REFUSED = {
         "exceeds the 3 that are allowed of lag, second",
     ),
     "memories by power": ("lag(steer_angle, time)**4", "exceeds the 3 that are allowed"),
-    "2 late": ("late(late(steer_angle, time), time)", "exceeds the 1 'late'"),
+    "2 late": ("late(late(steer_angle, time), time)", "uses 'late' more often than the limit of 1"),
     "9 literals": ("3+4+5+6+7+8+9+10+11", "needs 9 numbers .*, 8 are allowed"),
     "full-width letters": ("ｓlip_front", "column 1: 'ｓ' is not allowed"),
     "cyrillic": ("slip_frоnt", "column 8: 'о' is not allowed"),

@@ -90,7 +90,7 @@ def describe_misstated(found: Sequence[NumberFinding]) -> str:
             continue
         if (off := abs(f.value - f.prior) / f.prior_sd) > MAX_STATED_SD:
             return (
-                f"{STATED[f.name]} seems wrong: by the logs {f.name} is {f.value:.3g}, expected is "
+                f"{STATED[f.name]} seems wrong: from the logs, {f.name} is {f.value:.3g}, expected is "
                 f"{f.prior:.3g}, a difference of {off:.0f} prior sd"
             )
     return ""
@@ -130,8 +130,10 @@ def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float])
 
 
 def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
-    """Return the factor by which the rear longitudinal stiffness changes, because the
-    fitted front longitudinal stiffness differs from the vehicle file."""
+    """Return the factor of the rear longitudinal stiffness: fitted value / vehicle file.
+
+    In the fit, the rear longitudinal stiffness follows the front one, to the degree of
+    the setting rear_longitudinal_follows_front (0 .. 1)."""
     follows = problem.config.rear_longitudinal_follows_front
     return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 

@@ -92,7 +92,7 @@ class Formula:
     Attributes
     ----------
     id, title, place
-        Name, heading, and place in the model (FORMULA_PLACE).
+        Name, heading, and place in the model (table [place] of src/tables/formula.toml).
     text
         Expression as the user wrote it.
     numbers
@@ -159,7 +159,8 @@ class Formula:
 
     @property
     def operations(self) -> tuple[int, ...]:
-        """The program: a code of FORMULA_OP for each operation, in postfix order."""
+        """The program: the code of each operation (src/tables/formula.toml), in postfix
+        order."""
         table = library().formula_ops
         return tuple(table[op].code for op in self._program.operations)
 
@@ -211,8 +212,8 @@ class Formula:
         Parameters
         ----------
         signals
-            Values of each signal that the formula uses. Key: its name in FORMULA_OP.
-            Value: array, (rows,).
+            Values of each signal that the formula uses. Key: name of the signal, as in
+            the formula. Value: array, (rows,).
         dt
             [s] time since the row before: one number for all rows, or an array, (rows,).
             The first value of the array is not used.
@@ -431,8 +432,8 @@ def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str],
     if len(slots) > len(letters):
         listed = ", ".join([*named, *(f"{c:g}" for c in constants)])
         raise FormulaError(
-            f"key formula: needs {len(slots)} numbers ({listed}), {len(letters)} are allowed; literals other "
-            "than 1 and 2 count"
+            f"key formula: needs {len(slots)} numbers ({listed}), {len(letters)} are allowed; each literal "
+            "other than 1 and 2 counts as a number"
         )
     letter = dict(zip(slots, letters, strict=False))
     return _Program(tuple(str(letter.get(s, s)) for s in compiler.steps), named, constants)
@@ -518,7 +519,7 @@ class _Compiler:
                 node, f"exceeds the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
             )
         if memories.count("late") > _get_limit("FORMULA_LATE"):
-            raise self.make_error(node, f"exceeds the {_get_limit('FORMULA_LATE')} 'late' that are allowed")
+            raise self.make_error(node, f"uses 'late' more often than the limit of {_get_limit('FORMULA_LATE')}")
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Append the operations of a part of the expression, and return its dimension.

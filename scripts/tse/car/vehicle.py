@@ -58,7 +58,7 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 # Without these limits, the prior would be too certain, since the covariance of the
 # calibration does not include that tyres and steering differ from the model.
 MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
-MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction
+MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction, i.e. friction of at most 5
 CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd
 # Settings that a calibration computes from its residuals and writes to the vehicle file.
 # The filter does not use them: it estimates the noise of these sensors while driving.

@@ -584,7 +584,7 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
         and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
     ):
         return [
-            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor "
+            f"check the axes: accel_x correlates with speed x yaw_rate (correlation {x.corr:.2f}, factor "
             f"{x.slope:.3g}) and accel_y does not ({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
