@@ -151,8 +151,8 @@ def make_config_page() -> str:
 
 
 def make_uncalibrated() -> str:
-    """Return a table of the settings whose value for an uncalibrated car differs from that
-    for a car whose parameters are known exactly (tse_config_exact())."""
+    """Return a table of the settings that differ between an uncalibrated car and a car
+    whose parameters are known exactly (tse_config_exact())."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(

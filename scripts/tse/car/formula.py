@@ -519,7 +519,9 @@ class _Compiler:
                 node, f"exceeds the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
             )
         if memories.count("late") > _get_limit("FORMULA_LATE"):
-            raise self.make_error(node, f"uses 'late' more often than the limit of {_get_limit('FORMULA_LATE')}")
+            raise self.make_error(
+                node, f"uses 'late' more often than the limit of {_get_limit('FORMULA_LATE')}"
+            )
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Append the operations of a part of the expression, and return its dimension.
