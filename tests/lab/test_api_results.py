@@ -182,7 +182,7 @@ def test_python_learns_nothing_from_channels_that_contradict_each_other(folder):
     with pytest.raises(tse.Error, match=r"channels contradict each other: .*accel_y is in g"):
         tse.calibrate(wrong, CAR)
     found = tse.calibrate([wrong, frame[:2000], frame], CAR)
-    assert any(n.startswith("left out: log 1: nothing is learnt") for n in found.notes)
+    assert any(n.startswith("left out: log 1: channels contradict") for n in found.notes)
     assert [log.name for log in found._result.problem.logs] == ["log 2", "log 3"]
 
 
