@@ -149,7 +149,7 @@ def write_module() -> str:
             "",
             "@dataclass(frozen=True, slots=True)",
             "class Estimate(EstimateBase):",
-            '    """Estimates after a row. SI units. A stiffness is the sum of both tyres of an axle.',
+            '    """Estimates after a row. SI units. A stiffness is the sum over both tyres of an axle.',
             '    `_sd` is the standard deviation of an estimate."""',
             "",
             *write_estimate(),

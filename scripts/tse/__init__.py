@@ -18,10 +18,10 @@ from sensors that every car has.
                accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
-Every stiffness is the sum of both tyres of an axle. NaN is a missing value. The C library
-computes all estimates, so they have the same bits as in C. tse.tables lists the settings
-and the channels with units and ranges. tse.errors has the exceptions. tse.files has
-functions for writing files, for commands that are built on tse.
+Every stiffness is the sum over both tyres of an axle. NaN is a missing value. The C
+library computes all estimates, so they have the same bits as in C. tse.tables lists the
+settings and the channels with units and ranges. tse.errors has the exceptions. tse.files
+has functions for writing files, for commands that are built on tse.
 """
 
 from __future__ import annotations

@@ -57,11 +57,11 @@ class Filter:
     Notes
     -----
     If the vehicle does not state noise and bias of a sensor, the defaults of the library
-    are used. estimate() estimates noise and bias from the log instead. The filter()
-    of the result of estimate() returns a filter with these settings. From the same rows,
-    this filter computes the same estimates bit by bit.
-    Filters do not share state. One filter must not be used by two threads at once. copy()
-    and the module copy make an independent filter. A filter cannot be pickled.
+    are used. estimate() estimates noise and bias from the log instead. To use these
+    values row by row, call the method filter() of the result of estimate(). From the same
+    rows, this filter computes the same estimates bit by bit. Filters do not share state.
+    One filter must not be used by two threads at once. copy() and the module copy make an
+    independent filter. A filter cannot be pickled.
     """
 
     def __init__(

@@ -61,10 +61,13 @@ class Fleet(Shown):
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """A pair for each car: its name, and a sentence. The sentence has the smallest
-        cornering stiffness of the car; if no cornering stiffness is known, the
-        longitudinal stiffness; if no stiffness is known, the reason. The cars are sorted
-        in this order, with the smallest stiffness first."""
+        """A pair for each car: its name, and a sentence.
+
+        The sentence states the smallest cornering stiffness of the car. If no cornering
+        stiffness is known, it states the longitudinal stiffness. If no stiffness is
+        known, it gives the reason. The cars are sorted by this stiffness, the smallest
+        first: cars with a cornering stiffness, then cars with a longitudinal one, then
+        the other cars."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property

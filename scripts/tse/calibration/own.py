@@ -42,7 +42,8 @@ MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
 # The logs determine the cornering stiffness of an axle if the sd of ln(stiffness) is
 # below this limit: the 95 % interval is then narrower than stiffness / 1.41 .. stiffness
-# x 1.41. If the logs determine neither axle, the calibration is not used.
+# x 1.41. If the logs determine the stiffness of neither axle, the calibration is not
+# used.
 MAX_SHOWN_SD = 0.175
 MAX_SEARCH_SECONDS = 300.0  # [s] max run time of the search
 STOPPED = "it was stopped by Ctrl-C"

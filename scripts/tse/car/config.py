@@ -93,8 +93,8 @@ def make_config(
     ------
     UserError
         A setting is outside its range. Or the log has an optional channel that this form
-        does not use. Or `options` or the file state a setting for an optional channel
-        that the log does not have.
+        does not use. Or `options` or `filter_file` has a setting for an optional
+        channel that the log does not have.
     """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -182,8 +182,8 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Raise an error if an optional channel of the log has no effect, or a setting for an
-    optional channel.
+    """Raise an error if the filter does not use an optional channel of the log, or if a
+    setting has no effect because the log does not have its optional channel.
 
     `asked`: names of the settings that the user states for this run. Settings in the
     vehicle file are not checked, since the file is used for all logs of the car, with and

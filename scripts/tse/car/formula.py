@@ -849,7 +849,8 @@ PLAIN_FUNCTIONS: dict[str, Callable[..., Any]] = {
 def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float]]:
     """Return a function that takes arrays, converts them to lists, and calls `function`.
 
-    A loop over the elements of a list is several times faster than over an array."""
+    A loop over the elements of a list is several times faster than a loop over an
+    array."""
     return functools.wraps(function)(lambda *arrays: function(*(a.tolist() for a in arrays)))
 
 

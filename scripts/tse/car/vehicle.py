@@ -1,5 +1,5 @@
-"""Read and check a vehicle file. Fill in missing values, from an ordinary car or a
-log."""
+"""Read and check a vehicle file. Fill in missing values with those of an ordinary car, or
+with values from a log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
 # the calibration is no longer valid.
 CALIBRATED_FACTS = ("mass", "lf", "lr")
 # [1] Max lf / lr of cars with front-wheel drive. Their front axle carries more than half
-# of the weight, so lf / lr is below 1. A larger ratio is an error in the file.
+# of the weight, so lf / lr is normally below 1. If the ratio exceeds this limit, there is
+# a message that lf or lr is probably wrong.
 MAX_REAR_RATIO = 1.05
 # keys at the top of the file that are not settings
 DESCRIPTIVE = (
@@ -262,8 +263,8 @@ def read_vehicle(path: Path) -> Vehicle:
     ------
     UserError
         The file cannot be read, or a key is invalid or unknown. Unknown keys are errors,
-        since the value of a misspelt key would otherwise be ignored, and that of an
-        ordinary car would be filled in.
+        since the value of a misspelt key would otherwise be ignored, and the value of
+        an ordinary car would be used.
     """
     path = Path(path)
     return make_vehicle(read_toml(path), path)

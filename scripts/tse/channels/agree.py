@@ -106,8 +106,8 @@ FIGURES = {
     "accel_x": "accel_x / (rate of change of wheel speed x wheel radius)",
     "steer_angle": "steer_angle / (wheelbase x yaw_rate / speed), without understeer,",
     "speed": "(wheel speed x radius) / vehicle_speed",
-    "track_front": "(speed of right - left front wheel) / (yaw_rate x track)",
-    "track_rear": "(speed of right - left rear wheel) / (yaw_rate x track)",
+    "track_front": "(right - left front wheel speed) / (yaw_rate x track)",
+    "track_rear": "(right - left rear wheel speed) / (yaw_rate x track)",
 }
 
 # [s] Wheel speeds of 0 in a moving car are reported if they last at least this long.
