@@ -38,8 +38,8 @@ MAX_WORSE_RATIO = 1.05
 # difference means that the vehicle file is wrong. With correct files it was at most 2.4.
 # With a steering ratio that was wrong by 30 % it was 5.8.
 MAX_STATED_SD = 4.0
-# parameter -> entry of the vehicle file that is wrong if the difference of this parameter
-# is larger than MAX_STATED_SD
+# parameter -> entry of the vehicle file that is wrong if the posterior mean of this
+# parameter differs from its prior mean by more than MAX_STATED_SD prior sds
 STATED = {
     "steering_ratio_change": "the steering ratio or lf + lr",
     "imu_misalignment_angle": "the direction of the IMU",

@@ -40,7 +40,8 @@ MAX_POWER = 4  # max exponent
 MAX_UNIT = 40  # [characters] max length of a unit
 
 OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
-# literal -> operation that yields this value. These literals need no slot.
+# literal -> operation that yields this value. These literals therefore need no slot, i.e.
+# none of the settings formula_a, formula_b, ... that hold the numbers of a formula.
 LITERALS = {1.0: "one", 2.0: "two"}
 # operation -> its notation. An expression must not call these operations by name.
 WRITTEN_AS = {
@@ -166,13 +167,16 @@ class Formula:
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Literals in the expression, except 1 and 2, which need no slot. Their slots
-        follow the slots of the named numbers."""
+        """Literals in the expression, except 1 and 2, which have operations of their own.
+
+        The library reads these literals from the settings formula_<letter> (slots) that
+        follow those of the named numbers."""
         return self._program.constants
 
     @property
     def slots(self) -> dict[str, str]:
-        """Number -> setting that is its slot, in order of first appearance."""
+        """Name of a number -> setting formula_<letter> that holds its value (its slot), in
+        the order in which the numbers first appear in the expression."""
         return {
             name: f"formula_{letter}"
             for name, letter in zip(self._program.named, _list_letters(), strict=False)
@@ -680,7 +684,7 @@ def _format_unit(dimension: Any) -> str:
 
 
 def _list_letters() -> list[str]:
-    """Return the letters of the slots for numbers: a, b, ..."""
+    """Return the letters a, b, ... of the settings formula_<letter>, which hold numbers."""
     return [op.name for op in library().formula_ops.values() if op.kind == "NUMBER"]
 
 

@@ -37,8 +37,9 @@ UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
 # Each assumed set of mistakes has a cost: the sum of (ln ratio / sd)^2 over the ratios
 # corrected for these mistakes, plus the following costs. The set of min cost is chosen.
 
-# [1] cost of each assumed mistake. A mistake is thus reported only if it reduces the sum
-# by more than this. Most logs are correct, so a small reduction is probably chance.
+# [1] cost of each assumed mistake. A mistake is thus reported only if correcting it
+# reduces the sum of (ln ratio / sd)^2 over the ratios by more than this cost. Most logs
+# are correct, so a small reduction is probably chance.
 CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
 # [1] cost of each ratio that cannot be computed with the assumed unit of the speed, but
@@ -55,9 +56,9 @@ MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
 # ratio was not used. With km/h, which gives 0.85 times the speed, it was 0.913, so the
 # ratio was used, and km/h was reported.
 FIT_SLACK = 0.05
-# [1] cost of correcting one channel by any factor: CAUSE_PRICE, plus the cost of choosing
-# the factor from 1/20 .. 20 with the accuracy of FIGURE_SD. A mistake of a known unit is
-# reported only if its cost is below that of the best factor.
+# [1] cost of correcting one channel by an arbitrary factor: CAUSE_PRICE, plus the cost of
+# choosing the factor from 1/20 .. 20 with the accuracy of FIGURE_SD. A wrong unit is
+# reported only if its total cost is below the total cost of the best arbitrary factor.
 FREE_FACTOR_PRICE = 12.0
 # [1] A cause explains a wrong ratio if |ln ratio| is below this after the correction.
 EXPLAINED = 0.10
@@ -123,7 +124,7 @@ COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car 
 # [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
 # MAX_FORCE_RATIO if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
 MAX_FORCE_RATIO = 1.6
-MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
+MIN_TORQUE_CORR = 0.7  # [1] min correlation of wheel-torque force and accel_x for a warning
 # [1] min ratio of the force of one axle to mass x accel_x, if only this axle has torques
 MIN_AXLE_SHARE = 0.25
 # [1] The IMU is taken as turned about its vertical axis if the cross-axis sensitivities
@@ -142,12 +143,15 @@ MAX_LATE_ACROSS = 0.1
 # [rows] interval over which accel_x is integrated, to check the times of a log whose rows
 # are further apart than 1 / COMPARISON_RATE
 SLOW_ROWS = 20
-# [1] max ratio of this integral to the change of speed. Min ratio: 1 / MAX_TIME_RATIO
+# [1] max ratio of the integral of accel_x over SLOW_ROWS rows to the change of speed in
+# these rows. Min ratio: 1 / MAX_TIME_RATIO
 MAX_TIME_RATIO = 3.0
 # [1] If a larger share than this of the pieces of a log contradicts a mistake that was
 # found in the whole log, the mistake is not reported.
 MAX_ODD_SHARE = 0.2
-COMPARED_PIECE_TIME = 20.0  # [s] length of these pieces: long enough to contain bends and changes of speed
+# [s] length of the pieces into which a log is divided, to test whether a mistake affects
+# all of it. A piece must be long enough to contain bends and changes of speed.
+COMPARED_PIECE_TIME = 20.0
 # [rows] max length of a log that is checked as a whole: 87 minutes at 100 Hz. Of a longer
 # log, noise and units are determined from the part of this length with the most motion.
 MAX_CHECKED_ROWS = 1 << 19
