@@ -175,7 +175,7 @@ class Formula:
 
     @property
     def slots(self) -> dict[str, str]:
-        """Name of a number -> setting formula_<letter> that holds its value (its slot), in
+        """Name of a number -> setting formula_<letter> that holds its value (slot), in
         the order in which the numbers first appear in the expression."""
         return {
             name: f"formula_{letter}"
@@ -684,7 +684,7 @@ def _format_unit(dimension: Any) -> str:
 
 
 def _list_letters() -> list[str]:
-    """Return the letters a, b, ... of the settings formula_<letter>, which hold numbers."""
+    """Return the letters a, b, ... of the settings formula_<letter> that hold numbers."""
     return [op.name for op in library().formula_ops.values() if op.kind == "NUMBER"]
 
 

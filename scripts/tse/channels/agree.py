@@ -124,7 +124,8 @@ COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car 
 # [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
 # MAX_FORCE_RATIO if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
 MAX_FORCE_RATIO = 1.6
-MIN_TORQUE_CORR = 0.7  # [1] min correlation of wheel-torque force and accel_x for a warning
+# [1] min correlation of accel_x with the force of the wheel torques, for a warning
+MIN_TORQUE_CORR = 0.7
 # [1] min ratio of the force of one axle to mass x accel_x, if only this axle has torques
 MIN_AXLE_SHARE = 0.25
 # [1] The IMU is taken as turned about its vertical axis if the cross-axis sensitivities
