@@ -1,4 +1,4 @@
-"""Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""
+"""Names, units and ranges of the C library. scripts/dev/api_tables.py wrote it."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ Reason = Literal[
 
 
 class Status(IntEnum):
-    """Use of a row. Below 0: the row was refused, and the estimates are unchanged; 0: the
-    row was used; above 0: it was used, with this warning."""
+    """What the filter did with a row. Below 0: it refused the row, and the estimates are
+    unchanged. 0: it used the row. Above 0: it used the row, with this warning."""
 
     E_BUILD = -12
     """This build rounds differently from the tested ones: compile without -ffast-math,
@@ -136,8 +136,8 @@ class Row(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Estimate(EstimateBase):
-    """Estimates after a row. SI units; a stiffness is that of an axle; `_sd` is the
-    standard deviation of an estimate."""
+    """Estimates after a row. SI units. A stiffness is the sum over both tyres of an axle.
+    `_sd` is the standard deviation of an estimate."""
 
     time: float
     """Time of the row: its `time` or, if rows have none, the sum of `dt` [s]."""
