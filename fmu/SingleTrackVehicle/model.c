@@ -1,13 +1,15 @@
 /* fmu/SingleTrackVehicle/model.c - the simulator of tse/simulate.h as a co-simulation
- * model. It takes the place of a real car: its outputs are the readings of the sensors
- * and the true values, with which an importer can compare the estimates.
+ * model. It takes the place of a real car. Its outputs are the readings of the sensors,
+ * which are the inputs of the estimator, and the true values, with which the estimates
+ * can be compared.
  *
  * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
- * logs at t + h, and the true values at t + h. The inputs at t + h are the values that
- * the importer set at t. If the importer also set the time derivative of an input, h
- * times this derivative is added to the input. With parameter ramp = 1, inputs change
- * linearly from t to t + h. With ramp = 0, they jump at t to the values that the importer
- * set. */
+ * logs at t + h, and the true values at t + h. Before the step, the importer (the
+ * simulation tool) sets the inputs. With parameter ramp = 1, each input changes linearly
+ * during the step, from its value at the end of the last step to the value that the
+ * importer set. With ramp = 0, each input jumps at t to the value that the importer set.
+ * If the importer also set the time derivative of an input, its value at t + h is the
+ * value that was set plus h times this derivative. */
 #include <stdio.h>
 #include <string.h>
 
@@ -18,8 +20,9 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Initialisers of the variables of the FMU. The generated tables of columns and settings
- * call one of these macros for each row. */
+/* Macros that initialise one variable of the FMU each. The generated tables in
+ * tables/columns.h and tables/settings.h call one of these macros for each of their
+ * rows. */
 /* clang-format off */
 #define DRIVES(name, def, lo, hi, unit, text) \
   { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), \
@@ -112,8 +115,9 @@ static double *find_input(tse_sim_input *u, const fmu_variable *v)
   return (double *)((char *)u + v->offset - offsetof(model, u));
 }
 
-/* Return the first input outside its range; NULL if all are in range. Inputs are the
- * first variables in fmu_variables. */
+/* Return the first input outside its range; NULL if all are in range. All inputs precede
+ * the other variables in fmu_variables, so the loop ends at the first variable that is no
+ * input. */
 static const fmu_variable *find_wrong_input(tse_sim_input u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
@@ -172,9 +176,10 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   }
   const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
-    /* Begin the step at the inputs that were set for it, so that they jump. Keep the road
-     * of the last row: the simulator drew the stiffness of this step in that row, for the
-     * road of that row. */
+    /* tse_sim_step() changes the inputs linearly from sim.last to `to`. Replace sim.last
+     * by the new inputs, so that the inputs jump at the start of the step. Only
+     * road_level and road_friction keep their last values: the simulator has drawn the
+     * tyre stiffness of this step in the last row, for the road surface of that row. */
     from.road_level = m->sim.last.road_level;
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;

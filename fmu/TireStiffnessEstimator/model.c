@@ -15,8 +15,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Initialisers of the variables of the FMU. The generated tables of columns call one of
- * these macros for each column. */
+/* Macros that initialise one variable of the FMU each. The generated tables in
+ * tables/columns.h call one of these macros for each column. */
 /* clang-format off */
 #define CHANNEL(name, drives, lo, hi, unit, text) \
   INPUT(#name, name, lo, hi, unit, text "; NaN: missing")
@@ -128,9 +128,12 @@ const fmu_info fmu_about = {
   1e-4,
 };
 
-/* Call `row` for each code of the library's list `which`, with `type` as the name of the
- * enumeration type. Leave out negative status codes: they mean that a step was refused,
- * and a refused step has no outputs. */
+/* Pass the codes of an enumeration of the library to the function `row`, which prints
+ * one code. Leave out negative status codes: they mean that a step was refused. A refused
+ * step sets no outputs, so an output never has these codes.
+ *   Given:  to     first argument of `row`
+ *           type   name of the enumeration type in the model description
+ *           which  the enumeration, for tse_describe() */
 static void list_described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
 {
   int32_t count;
@@ -179,12 +182,14 @@ void model_note_set(model *m, const fmu_variable *v, double value)
 }
 
 /* Compute the settings with which the filter runs. If m->exact is 0, the settings are the
- * values of the parameters. If m->exact is 1, a parameter that the importer has set keeps
- * its value, and every other parameter gets the value that tse_config_exact() gives it.
+ * values of the parameters. If m->exact is 1, the user has chosen the car whose
+ * parameters are known exactly (tse_config_exact()). A parameter that the importer has
+ * set then keeps its value, and every other parameter gets its value from
+ * tse_config_exact().
  *
- * Some importers set all parameters, and give the start value to each parameter that the
- * user has not changed. If all parameters have been set, a parameter that was set to its
- * start value therefore counts as not set.
+ * Some importers set every parameter: those that the user has not changed are set to
+ * their start values. It is then not known which parameters the user has set. If every
+ * parameter has been set, a parameter with its start value therefore counts as not set.
  *
  * Finally, mass, yaw inertia and stiffnesses of 0 ("not set") are replaced by the values
  * of an ordinary car. */
@@ -302,17 +307,18 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
         tse_double_of(u.dt));
     return FMU_ERROR;
   }
-  /* Clear the padding after the last member. It is part of a saved state, whose bytes
-   * must not depend on earlier content of the memory. */
+  /* Clear the padding bytes after spread_seen, the last member of m->y. A saved state of
+   * the FMU contains them, and equal states must have equal bytes. */
   memset(m->y.spread_seen + 3, 0, sizeof m->y - offsetof(tse_output, spread_seen) - sizeof m->y.spread_seen);
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* Choose the text of the warning. A text that is equal to the text of the previous step
-   * is not logged again. While a channel is missing, the text names this channel, because
-   * `status`, the largest of several warning codes, may change from step to step. Codes
-   * from TSE_W_GAP upwards are more important than a missing channel: the text then
-   * describes the code. */
+  /* Choose the text of the warning. glue_step() logs the text only if it differs from the
+   * text of the previous step. If several warnings apply to a step, `status` is the
+   * largest of their codes, which may differ in every step while a channel is missing. A
+   * text that describes `status` would then be logged again and again. While a channel
+   * is missing, the text therefore names this channel. Warnings with codes from TSE_W_GAP
+   * upwards are more important than a missing channel: the text describes `status`. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

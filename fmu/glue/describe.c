@@ -2,7 +2,7 @@
  * the tables that fmu_model.h declares.
  *
  *   describe model 2 FILE.c ...   print modelDescription.xml of FMI 2.0, with these
- *                                 source files, and with @GUID@ instead of the GUID
+ *                                 source files
  *   describe model 3              print modelDescription.xml of FMI 3.0, which names no
  *                                 source files
  *   describe terminals            print terminalsAndIcons.xml of FMI 3.0
@@ -10,7 +10,10 @@
  *                                 print buildDescription.xml of FMI 3.0, with these
  *                                 definitions, compiler options (gcc, clang) and source
  *                                 files
- *   describe variables 2|3        print HTML tables of the variables */
+ *   describe variables 2|3        print HTML tables of the variables
+ *
+ * modelDescription.xml is printed with @GUID@ in place of the GUID. fmu/stage.cmake
+ * computes the GUID as a hash of this text, and inserts it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -290,12 +293,13 @@ static void print_middle(int fmi)
   (void)puts("  <ModelVariables>");
 }
 
-/* Attribute that lists the inputs on which an output depends at a communication point.
+/* Attribute `dependencies`: inputs on which an output depends at a communication point.
  * The list is empty, because an input that is set at a communication point does not
  * change the outputs at this point. It changes them at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
-/* The same attribute for initialization mode. It is left out. FMI then assumes that an
- * output depends on all parameters and inputs, and in initialization mode it does. */
+/* Attribute `dependencies` of an output for initialization mode. It is left out. FMI then
+ * assumes that the output depends on all parameters and inputs. In initialization mode
+ * this is true: after a parameter or input was set, all outputs are computed again. */
 #define AT_START ""
 
 static void print_model2(int files, char **file)
@@ -475,8 +479,10 @@ static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
   (void)puts("</tr>");
 }
 
-/* Print a table for each role. A table has the variables group by group; groups are in
- * the order of their first variables. */
+/* Print three HTML tables of the variables: inputs, outputs, parameters. In a table,
+ * variables with the same group (find_group_length()) stand together. The groups are in
+ * the order of their first variables. For FMI 3.0, add a table of the arrays and the
+ * time. Finally print a table of the codes of each enumeration type. */
 static void print_variables(int fmi)
 {
   static const struct {

@@ -104,7 +104,8 @@ GLUE_REFUSE_TYPE(fmi3SetClock,
 
 /* ------------------------------------------------------------------------------------------- steps */
 
-/* Run a step. Each of the last four pointers may be NULL. */
+/* Run a step. Each of the last four arguments is a pointer to an output, or NULL if the
+ * importer does not need this output. */
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state,
     fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {

@@ -6,8 +6,10 @@
 
 const fmu_variable fmu_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
 
-/* Return 1 if the part of a variable's name after the first dot is the name of a setting.
- * A dot in this part matches an underscore in the name of the setting. */
+/* Return 1 if a variable holds a setting: if the part of the variable's name after the
+ * first dot is the name of the setting. Names of variables have dots where settings have
+ * underscores, so a dot in this part matches an underscore. Example: the variable
+ * "effects.body_roll.gain" holds the setting "body_roll_gain". */
 static int is_setting(const char *name, const char *setting)
 {
   const char *at = strchr(name, '.');

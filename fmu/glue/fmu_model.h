@@ -18,8 +18,9 @@
 /* A variable of the FMU. Its value reference is its index in fmu_variables. */
 typedef struct fmu_variable {
   const char *name; /* structured and unique. Example: vehicle.mass */
-  char kind;        /* 'r': Real, a tse_setting if it is a parameter, otherwise a tse_real.
-                     * 'i': Integer, 'b': Boolean, 'e': Enumeration, each an int32_t */
+  char kind;        /* type in FMI. 'r': Real, in `model` a tse_setting for a parameter and
+                     * a tse_real for an input or output. 'i': Integer, 'b': Boolean,
+                     * 'e': Enumeration, these three in `model` an int32_t */
   char role;        /* 'p': parameter, 'i': input, 'o': output, 't': time */
   int32_t offset;   /* [bytes] offset in `model` */
   int32_t rate;     /* [bytes] offset in `model` of the time derivative that extrapolates
@@ -27,15 +28,16 @@ typedef struct fmu_variable {
   double start;     /* start value of a parameter or input */
   double lo, hi;    /* range; there is no range if hi < lo. A parameter outside its range is
                      * refused, unless it is equal to `start`: a start value may lie
-                     * outside the range, as 0 for "not set". model_step() checks the
-                     * inputs */
+                     * outside the range, as 0 for "not set". An input may be set to any
+                     * value: its range is checked in the next step, by model_step() */
   const char *unit; /* Real: unit as in the tables of include/tse. Enumeration: name of its
                      * type. Otherwise "" */
   const char *text; /* description */
 } fmu_variable;
 
-/* Initialise the fmu_variable of a parameter from a setting of src/tables/settings.h,
- * which is a member of `config` in `model`. WHOLE_PARAMETER is for integers. */
+/* Initialisers of the fmu_variable of a parameter. The tables of settings in
+ * src/tables/settings.h call PARAMETER for a real setting and WHOLE_PARAMETER for an
+ * integer setting. The value of the parameter is the member `name` of model.config. */
 #define PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'r', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
 #define WHOLE_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
@@ -58,10 +60,11 @@ typedef struct fmu_array {
 extern const fmu_array fmu_arrays[];
 extern const int32_t fmu_array_count;
 
-/* A terminal of FMI 3.0: a group of variables that the user connects in one action. If
- * two terminals have the same kind, importers can connect them: each member with the
- * member of the same name. The members are the Real variables of `role` whose name is
- * `prefix` + member name. */
+/* A terminal of FMI 3.0: a group of variables that the user connects in one action. The
+ * members of the group are the Real inputs (`role` 'i') or Real outputs (`role` 'o')
+ * whose name is `prefix` followed by a member name without a dot. Example: with the
+ * prefix "road.", the input "road.bank" is the member "bank". An importer can connect two
+ * terminals that have the same `kind`: it connects the members with the same name. */
 typedef struct fmu_terminal {
   const char *name, *kind;
   char role; /* 'i' or 'o' */
@@ -78,8 +81,9 @@ typedef struct fmu_info {
 } fmu_info;
 extern const fmu_info fmu_about;
 
-/* Call `row` once for each code of each enumeration type, type by type. `to` is passed on
- * to `row`. */
+/* Pass all codes of all enumeration types to the function `row`, one code per call, type by
+ * type. describe.c prints the codes in this way. `to` is the first argument of each call
+ * of `row`, for data of the caller. */
 typedef void fmu_code_row(void *to, const char *type, int32_t code, const char *name, const char *text);
 void model_list_codes(fmu_code_row *row, void *to);
 
@@ -128,10 +132,12 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT]);
  *   Returned:  text  reason, if the result is not FMU_OK */
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT]);
 
-/* Return 1 if every value of a deserialized state is possible, otherwise 0. Its bytes may
- * come from an attacker.
+/* Return 1 if every value of a deserialized state is in the range that a run of the model
+ * can produce, otherwise 0. The bytes of the state may come from an attacker.
  *   Given:  m        the state; its parameters are within their ranges
- *           started  0: model_start() is called before the next step; 1: it is not */
+ *           started  1: model_start() has initialised the filter or the simulator with
+ *                    these parameters, and its state is checked. 0: its state is not
+ *                    checked, because model_start() initialises it before the next step */
 int model_check(const model *m, int started);
 
 #endif

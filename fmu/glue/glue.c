@@ -33,10 +33,11 @@ typedef struct snapshot {
 static instance instances[FMU_INSTANCES];
 static snapshot snapshots[FMU_STATES];
 
-/* A place is an element of the array `instances` or `snapshots`; `taken` is its member.
- * take_place(): if the place is free, mark it as in use and return 1; otherwise return 0.
- * free_place(): mark the place as free. Both functions are atomic, because several
- * threads may search for a free place at the same time. */
+/* Functions that allocate and free the elements of the arrays `instances` and
+ * `snapshots`. `taken` is the member of this name in the element.
+ * take_place(): if the element is free, mark it as in use and return 1; otherwise return
+ * 0. free_place(): mark the element as free. Both functions are atomic, because several
+ * threads may search for a free element at the same time. */
 #if defined(__GNUC__)
 static int take_place(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
 static void free_place(volatile long *taken) { __sync_lock_release(taken); }
@@ -57,9 +58,9 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in a log text
- * of FMI, '%' begins a format and '#' a reference to a variable. Not all importers
- * replace them in the same way. */
+/* Pass a text to the importer's log function. Replace the characters '%' and '#' in it by
+ * '_': in a log text of FMI, '%' begins a format specification and '#' a reference to a
+ * variable. Importers differ in how they treat both, so the text must not contain them. */
 static void emit_line(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
@@ -143,8 +144,10 @@ int32_t glue_count_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-/* Check that a call passes the right number of values: `wanted`, the total number of
- * values of its variables. */
+/* Check that a call of a get or set function passes as many values as its variables have
+ * together.
+ *   Given:  values  number of values that the call passes
+ *           wanted  number of values that its variables have together */
 static int check_count(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
@@ -166,8 +169,9 @@ static const char *get_type_name(const instance *s, char kind)
   }
 }
 
-/* Return 1 if the get and set functions that FMI has for this kind of variables may
- * access v. In FMI 2.0, the functions for Integer also access enumerations. */
+/* Return 1 if the get and set functions for variables of this kind may access v: if v is
+ * of the same kind. In FMI 2.0, the functions for Integer may access enumerations, too,
+ * because FMI 2.0 has no get and set functions for enumerations. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
@@ -535,9 +539,10 @@ static double round_limit(const fmu_variable *v, double limit)
   return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
 }
 
-/* Return 1 if every value of a deserialized state is possible, otherwise 0. The checksum
- * is not enough, because an attacker can compute the checksum of wrong values, too.
- * Outputs are not checked, because no later value depends on them.
+/* Return 1 if every value of a deserialized state is in the range that a run can produce,
+ * otherwise 0. The checksum of the state does not replace this check, because an attacker
+ * can change values and compute the checksum of the changed values. Outputs are not checked,
+ * because no later value depends on them.
  *   Returned:  wrong  the parameter that is outside its range; unchanged if the state has
  *                     a different error or none */
 static int check_content(glue_content *c, const fmu_variable **wrong)

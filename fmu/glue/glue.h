@@ -63,8 +63,9 @@ typedef struct glue_api {
   const char *real;       /* name of the type of real variables */
   const char *integer;    /* name of the type of integer variables */
   const char *boolean;    /* name of the type of Boolean variables */
-  int extended;           /* 1: fmu_arrays and fmu_time are variables, too, and their value
-                           * references follow those of fmu_variables. 0: they are not */
+  int extended;           /* 1: the variables of the FMU are fmu_variables, fmu_arrays and
+                           * fmu_time, with value references in this order (FMI 3.0). 0: they
+                           * are fmu_variables only (FMI 2.0) */
   /* Call the importer's log function. */
   void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status,
       const char *category, const char *text);
@@ -98,8 +99,9 @@ void glue_log(const instance *s, glue_status status, int category, const char *t
 /* Log the error "function: text".   Returned: GLUE_ERROR */
 glue_status glue_refuse(const instance *s, const char *function, const char *text);
 
-/* Switch the named log categories on or off. If count is 0, on = 1 switches all
- * categories on, and on = 0 switches only logEvents off. */
+/* Switch the named log categories on or off. If no category is named (count is 0), on = 1
+ * switches all categories on. on = 0 then switches only logEvents off: errors and
+ * warnings are still logged, as after glue_instantiate() with logging = 0. */
 glue_status glue_set_logging(
     instance *s, const char *function, int on, size_t count, const char *const names[]);
 
@@ -124,7 +126,8 @@ int32_t glue_count_elements(const instance *s, uint32_t vr);
 
 /* Check the arguments of a get or set function: each value reference has a variable of
  * this kind, and `count` is the number of values of all these variables.
- *   Given:  kind  kind of the variables as in fmu_variable; 0 matches no variable
+ *   Given:  kind  kind of the variables as in fmu_variable; 0, passed for an FMI type that
+ *                 no variable has, refuses every variable
  *           type  FMI's name of the kind, for messages */
 int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function);
@@ -135,9 +138,11 @@ glue_status glue_check_empty(const instance *s, size_t count, const char *functi
 /* ---- life cycle */
 
 /* Return a new instance. Log an error and return NULL if all instances are in use, if the
- * name is missing, if the token differs from that of this binary, or if `unsupported` is
- * not NULL.
- *   Given:  unsupported  reason to refuse the call; NULL if there is none
+ * name is missing, if the token differs from FMU_GUID, or if `unsupported` is not NULL.
+ *   Given:  token        GUID that the importer has read in modelDescription.xml.
+ *                        FMU_GUID is the GUID with which this binary was built. If they
+ *                        differ, the description is of a different version
+ *           unsupported  reason to refuse the call; NULL if there is none
  *           logger       log function of the importer, or NULL
  *           logging      1: log all categories; 0: log errors and warnings only */
 instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported,
@@ -173,8 +178,9 @@ double glue_get_time(const instance *s);
 /* ---- values. A call checks all its values before it sets the first. A refused call
  * therefore sets no value. */
 
-/* In initialization mode, compute the outputs again if a value was set since they were
- * computed.   Returned: 0 if the model refuses a value, otherwise 1 */
+/* Prepare the outputs for a get function. In initialization mode, compute the outputs
+ * again if a value was set since the last computation. In the other phases, the outputs
+ * are not changed.   Returned: 0 if the model refuses a value, otherwise 1 */
 int glue_update_outputs(instance *s, const char *function);
 
 /* Check that this variable may be set to this value in the current phase. */
@@ -183,8 +189,9 @@ int glue_check_value(const instance *s, const fmu_variable *v, double value, con
 /* Return the value of an element of a variable. A scalar has only element 0. */
 double glue_get(instance *s, const fmu_variable *v, int32_t element);
 
-/* Set a scalar variable. No array can be set, because all arrays are outputs. Call
- * glue_mark_stale() after the last value. */
+/* Set a scalar variable. No array can be set, because all arrays are outputs. The outputs
+ * are not computed here: the caller sets all its values, and then calls
+ * glue_mark_stale() once. */
 void glue_set(instance *s, const fmu_variable *v, double value);
 
 /* Set the time derivative of an input. */
@@ -228,7 +235,8 @@ void glue_mark_stale(instance *s);
     if (nvr == 0) return (fmi_status)glue_check_empty(s, count, function);                               \
     if (!glue_check_variables(s, vr, nvr, value, count, kind, #Type, function))                          \
       return (fmi_status)GLUE_ERROR;                                                                     \
-    /* check all values before setting one. Arrays are refused, as outputs: value[i] is for vr[i] */     \
+    /* check all values before setting one. Arrays are outputs and refused here, so each vr[i] has */    \
+    /* one value, value[i] */                                                                            \
     for (size_t i = 0; i < nvr; i++)                                                                     \
       if (!glue_check_value(s, glue_find_variable(s, vr[i]), (double)(to_number), function))             \
         return (fmi_status)GLUE_ERROR;                                                                   \
