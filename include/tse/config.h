@@ -1,8 +1,10 @@
 /* tse/config.h - settings, from the tables in src/tables.
  *
  * Each setting has a comment of this form: [unit] default, min .. max; meaning. The
- * defaults of the car describe an ordinary car. The defaults of settings that only the
- * paper's filter uses are the values in section IV of the paper. */
+ * library has two filters: the default filter, a Kalman filter, and the particle filter
+ * of the paper by Berntorp and Di Cairano (cited in tse.h). The defaults of the settings
+ * of the car describe an ordinary car. Settings that have no effect in the default filter
+ * have the values in section IV of the paper as defaults. */
 #ifndef TSE_CONFIG_H
 #define TSE_CONFIG_H
 
@@ -14,8 +16,8 @@
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build with TSE_NO_PARTICLES saves at least 12 kB of flash on a Cortex-M. It lacks the
- * paper's filter and refuses form 1. */
+/* A build with TSE_NO_PARTICLES lacks the paper's filter, which saves at least 12 kB of
+ * flash on a Cortex-M. It refuses settings with form = 1. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
@@ -31,8 +33,8 @@
  * src/tables/effects.toml states which filter uses an effect. */
 typedef struct tse_config {
   // clang-format off: table config_members
-  tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: unknown, and no
-                                                 * stiffness becomes valid */
+  tse_setting mass;                             /* [kg] 0, 50 .. 50000; mass of the car; 0: unknown, and no
+                                                 * estimated stiffness becomes valid */
   tse_setting yaw_inertia;                      /* [kg m2] 0, 10 .. 1000000; yaw moment of inertia about
                                                  * the centre of gravity; 0: mass times lf times lr is used */
   tse_setting lf;                               /* [m] 1.25, 0.1 .. 10; distance from the centre of gravity
@@ -55,45 +57,49 @@ typedef struct tse_config {
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
                                                  * of the rear axle; 0: value of an ordinary car with this
                                                  * axle load */
-  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; ratio of the relative deviation of the
-                                                 * rear longitudinal stiffness from nominal to the relative
-                                                 * deviation of the front one; paper's filter */
-  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; if the mass
-                                                 * differs from its setting, yaw_inertia differs in
-                                                 * proportion */
-  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia for a
-                                                 * given mass */
+  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; factor f: the longitudinal stiffness,
+                                                 * relative to nominal, is w in front and 1 + f (w - 1) in
+                                                 * the rear; no effect in the default filter */
+  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; the yaw inertia
+                                                 * is assumed to change in proportion to the mass */
+  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of the ratio yaw_inertia
+                                                 * / mass */
   tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the longitudinal position of the
                                                  * centre of gravity */
-  tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; relative sd of the scale of
-                                                 * steer_angle: steering ratio and compliance */
+  tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; relative sd of the scale factor of
+                                                 * steer_angle, due to errors of the steering ratio and to
+                                                 * compliance of the steering */
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
   tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale factor of
-                                                 * accel_y; the gravity that accel_y measures when the body
-                                                 * rolls acts like a part of this factor */
+                                                 * accel_y; it includes the error of body_roll_gain,
+                                                 * because body roll adds gravity to accel_y in proportion
+                                                 * to the lateral acceleration */
   tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
                                                  * relative to the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
                                                  * accelerometers relative to the gyro */
   tse_setting relaxation_sd;                    /* [m] 0.2, 0 .. 2; sd of the relaxation length of each
                                                  * axle */
-  tse_setting lean_sd;                          /* [1] 0.1, 0 .. 0.5; sd of bank_superelevation: roads
-                                                 * differ in the bank of their curves */
+  tse_setting lean_sd;                          /* [1] 0.1, 0 .. 0.5; sd of bank_superelevation, the share
+                                                 * of the lateral acceleration that the bank of a curve
+                                                 * provides; the share differs from road to road */
   tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; relative sd of the scale of yaw_rate */
   tse_setting trail_sd;                         /* [m] 0.03, 0 .. 0.2; sd of aligning_moment_trail, the
                                                  * distance behind an axle at which its lateral force acts */
-  tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of rear_roll_steer_gain, the roll
-                                                 * steer of the rear axle */
+  tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of rear_roll_steer_gain, the
+                                                 * ratio of the steering angle of the rear wheels to the
+                                                 * roll angle */
   tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; relative sd of the ratio of the
                                                  * rear to the front wheel radius */
-  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; sd of the model discrepancy, the
-                                                 * part of an IMU channel that the model does not explain,
-                                                 * divided by the recent rms of the channel; its
-                                                 * correlation time is about a second */
-  tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of the road grade, which is a
-                                                 * state: gravity along the road accelerates the car, but
-                                                 * accel_x does not measure it */
+  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; sd of the discrepancy of an IMU
+                                                 * channel (the part that the model does not explain) /
+                                                 * recent rms of this channel; the correlation time of the
+                                                 * discrepancy is about a second */
+  tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of the road grade about its
+                                                 * mean, the setting grade_angle; the filter estimates the
+                                                 * grade as a state, because gravity along the road
+                                                 * accelerates the car without a contribution to accel_x */
   tse_setting accel_x_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise sd of one sample of
                                                  * accel_x */
   tse_setting accel_y_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise sd of one sample of
@@ -101,25 +107,31 @@ typedef struct tse_config {
   tse_setting yaw_rate_sd;                      /* [rad/s] 0.0025, 1e-05 .. 1; noise sd of one sample of
                                                  * yaw_rate */
   tse_setting wheel_noise_sd;                   /* [rad/s] 0.04, 0 .. 5; noise sd of one sample of a wheel
-                                                 * speed (mean of the two wheels of an axle); default
-                                                 * filter */
+                                                 * speed (mean of the two wheels of an axle); no effect in
+                                                 * the paper's filter */
   tse_setting steer_lag_sd;                     /* [s] 0.025, 0 .. 0.2; sd of the delay of the steering
                                                  * angle relative to the IMU, caused by bus, steering and
-                                                 * tyres; 0: the delay is known exactly; default filter */
+                                                 * tyres; 0: the delay is known exactly; no effect in the
+                                                 * paper's filter */
   tse_setting accel_x_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_x at the
                                                  * start */
   tse_setting accel_y_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_y at the
                                                  * start */
   tse_setting yaw_rate_bias_sd;                 /* [rad/s] 0.01, 0 .. 0.5; sd of the bias of yaw_rate at
                                                  * the start */
-  tse_setting accel_x_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
-                                                 * the accel_x bias in 1 s, equations (8) and (18) */
-  tse_setting accel_y_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
-                                                 * the accel_y bias in 1 s, equations (8) and (18) */
-  tse_setting yaw_rate_bias_walk;               /* [rad/s/sqrt(s)] 0.0001, 0 .. 0.1; sd of the random walk
-                                                 * of the yaw_rate bias in 1 s, equations (8) and (18) */
+  tse_setting accel_x_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the change of the
+                                                 * accel_x bias in 1 s; the bias is a random walk,
+                                                 * equations (8) and (18) of the paper */
+  tse_setting accel_y_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the change of the
+                                                 * accel_y bias in 1 s; the bias is a random walk,
+                                                 * equations (8) and (18) of the paper */
+  tse_setting yaw_rate_bias_walk;               /* [rad/s/sqrt(s)] 0.0001, 0 .. 0.1; sd of the change of
+                                                 * the yaw_rate bias in 1 s; the bias is a random walk,
+                                                 * equations (8) and (18) of the paper */
   tse_setting steer_angle_latency;              /* [s] 0, -0.2 .. 0.2; latency of steer_angle in the log
-                                                 * relative to yaw_rate; negative: logged earlier */
+                                                 * relative to yaw_rate; negative: steer_angle is logged
+                                                 * earlier than a yaw rate that was measured at the same
+                                                 * time */
   tse_setting wheel_speed_front_latency;        /* [s] 0, -0.2 .. 0.2; latency of wheel_speed_front in the
                                                  * log relative to yaw_rate */
   tse_setting wheel_speed_rear_latency;         /* [s] 0, -0.2 .. 0.2; latency of wheel_speed_rear in the
@@ -128,13 +140,15 @@ typedef struct tse_config {
                                                  * relative to yaw_rate */
   tse_setting accel_y_latency;                  /* [s] 0, -0.2 .. 0.2; latency of accel_y in the log
                                                  * relative to yaw_rate */
-  tse_setting ins_velocity_sd;                  /* [m/s] 0.1, 0.001 .. 10; noise sd of one value of
-                                                 * ins_vel_x or ins_vel_y; the filter then estimates the
-                                                 * actual noise */
-  tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; noise sd of one value of
-                                                 * gnss_speed */
-  tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; noise sd of one value of
-                                                 * gnss_course above 10 m/s; below 10 m/s, the noise sd is
+  tse_setting ins_velocity_sd;                  /* [m/s] 0.1, 0.001 .. 10; initial value of the noise sd of
+                                                 * one value of ins_vel_x or ins_vel_y; the filter
+                                                 * estimates this noise sd */
+  tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; initial value of the noise sd of
+                                                 * one value of gnss_speed; the filter estimates this noise
+                                                 * sd */
+  tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; initial value of the noise sd
+                                                 * of one value of gnss_course above 10 m/s; the filter
+                                                 * estimates this noise sd; below 10 m/s, the noise sd is
                                                  * inversely proportional to the speed */
   tse_setting velocity_latency;                 /* [s] 0, -0.2 .. 0.2; latency of measured velocities
                                                  * relative to yaw_rate */
@@ -148,17 +162,19 @@ typedef struct tse_config {
   tse_setting velocity_lever_sd;                /* [m] 0.1, 0 .. 5; sd of velocity_lever_x and of
                                                  * velocity_lever_y */
   tse_setting velocity_heading;                 /* [rad] 0, -0.5 .. 0.5; angle from the axes of the car to
-                                                 * those of the INS, positive left */
+                                                 * those of the INS; positive: the INS is turned to the
+                                                 * left */
   tse_setting velocity_heading_sd;              /* [rad] 0.02, 0 .. 0.5; sd of velocity_heading */
   tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; relative sd of the ratio of a
-                                                 * measured speed to the speed computed from the wheels;
-                                                 * wrong wheel radii change this ratio */
+                                                 * measured speed to the speed computed from the wheel
+                                                 * speeds; wrong wheel radii change this ratio */
   tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle whose |torque| is smaller
                                                  * than this limit counts as rolling freely; recommended:
                                                  * twice the sd of offset and noise of the torque signal */
-  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a given bank
-                                                 * or grade: estimates from different laps of one road
-                                                 * differ by about this */
+  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a bank or
+                                                 * grade that a row gives; the default is about the
+                                                 * difference between estimates from different laps of one
+                                                 * road */
   tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass / setting - 1 */
   tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia / setting - 1 */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
@@ -177,29 +193,35 @@ typedef struct tse_config {
                                                  * wheels */
   tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; time constant of the second lag / time
                                                  * constant of the first lag; 0: one lag only */
-  tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) with small
-                                                 * angles, 1: exact, in between: linear interpolation */
+  tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) of the paper,
+                                                 * with small angles; 1: exact equations; in between:
+                                                 * linear interpolation */
   tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; loss of steering angle /
                                                      * moment about the steering axis */
   tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever arm of the lateral force
                                                  * about the steering axis */
-  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; steering angle of the rear wheels
-                                                 * into the turn / roll angle */
+  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; ratio of the steering angle of the
+                                                 * rear wheels to the roll angle; positive: roll turns the
+                                                 * rear wheels into the curve */
   tse_setting rear_roll_steer_roll;             /* [rad s2/m] 0.0075, 0.0005 .. 0.03; roll angle / lateral
                                                  * acceleration */
   tse_setting rear_roll_steer_frequency;        /* [Hz] 1.5, 0.3 .. 6; natural frequency of the roll */
   tse_setting rear_roll_steer_damping;          /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
-  tse_setting relaxation_length;                /* [m] 0.4, 0 .. 3; distance over which the slip angle
-                                                 * builds up */
-  tse_setting longitudinal_relaxation_length;   /* [m] 0, 0 .. 2; distance over which the slip builds up */
+  tse_setting relaxation_length;                /* [m] 0.4, 0 .. 3; relaxation length of the lateral force:
+                                                 * after a step, the slip angle reaches 63 % of its final
+                                                 * value over this distance */
+  tse_setting longitudinal_relaxation_length;   /* [m] 0, 0 .. 2; relaxation length of the longitudinal
+                                                 * force: after a step, the slip reaches 63 % of its final
+                                                 * value over this distance */
   tse_setting stiffness_drift_change;           /* [1] 0, -0.6 .. 1; relative change of all stiffnesses at
-                                                 * the end of the drift */
-  tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; duration of the drift; a short
-                                                 * duration makes it a step */
-  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the start to the beginning
-                                                 * of the drift */
+                                                 * the end of a drift that is linear in time */
+  tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; duration of the drift of all
+                                                 * stiffnesses; a short duration makes the drift a step */
+  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the first row to the
+                                                 * beginning of the drift of all stiffnesses */
   tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k in the factor 1/sqrt(1 + k slip^2)
-                                                 * of the lateral force */
+                                                 * of the lateral force of an axle, with the longitudinal
+                                                 * slip of this axle */
   tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle / its max
                                                  * lateral force */
   tse_setting tyre_saturation_shape;            /* [1] 1, 0 .. 1; 0: brush model with parabolic pressure
@@ -208,18 +230,20 @@ typedef struct tse_config {
   tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; 1/friction is multiplied by 1 +
                                                  * balance in front and by 1 - balance in the rear;
                                                  * positive: the front axle saturates first */
-  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k: relative change of the
-                                                 * cornering stiffness / accel_x; the front axle loses
-                                                 * stiffness if accel_x is positive, and the rear axle
-                                                 * gains it */
-  tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
-                                                   * balance) in the rear: the stiffness of tyres with a
+  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k in the cornering stiffness
+                                                 * Cf (1 - k ax) of the front axle and Cr (1 + k ax) of the
+                                                 * rear axle; ax: acceleration by the longitudinal tyre
+                                                 * forces */
+  tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; the gain k of the load transfer is
+                                                   * multiplied by 1 + balance in front and by 1 - balance
+                                                   * in the rear, because the stiffness of a tyre with a
                                                    * higher load changes less with load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k in the cornering
-                                                 * stiffness C (1 - k accel_y^2) */
-  tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
-                                                 * balance) in the rear: distribution of the roll moment
-                                                 * between the axles */
+                                                 * stiffness C (1 - k accel_y^2) of both axles */
+  tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; the gain k of the load transfer is
+                                                 * multiplied by 1 + balance in front and by 1 - balance in
+                                                 * the rear: distribution of the roll moment between the
+                                                 * axles */
   tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force / speed squared: 1/2 rho cd A */
   tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force against the motion / weight */
   tse_setting grade_angle;                      /* [rad] 0, -0.35 .. 0.35; grade of the road, positive
@@ -233,8 +257,9 @@ typedef struct tse_config {
   tse_setting crosswind_speed;                  /* [m/s] 0, -30 .. 30; speed of a steady wind; positive:
                                                  * with crosswind_heading = 0 it pushes the car to the left
                                                  * at the start */
-  tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; initial heading, relative to the
-                                                 * heading at which the wind is a pure side wind */
+  tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; heading of the car at the start,
+                                                 * relative to the heading at which the wind is a pure side
+                                                 * wind */
   tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force / (wind speed times
                                                  * air speed) */
   tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; distance of the centre of pressure in
@@ -254,12 +279,12 @@ typedef struct tse_config {
   tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
   tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
-                                                 * minus body_roll_coupling; this is about the height of
-                                                 * the IMU above the centre of gravity */
+                                                 * minus body_roll_coupling; the difference is about the
+                                                 * height of the IMU above the centre of gravity */
   tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass / mass, times the height
                                                  * of the centre of gravity of the sprung mass above the
-                                                 * roll axis; roll acceleration times this length is a
-                                                 * lateral acceleration of the car */
+                                                 * roll axis; this length times the roll acceleration adds
+                                                 * to the lateral acceleration of the car */
   tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle / longitudinal
                                                  * acceleration, positive: the nose rises when the car
                                                  * accelerates */
@@ -267,59 +292,73 @@ typedef struct tse_config {
   tse_setting pitch_leak_damping;               /* [1] 0.4, 0.05 .. 2; damping ratio of the pitch */
   tse_setting pitch_leak_height;                /* [m] 0, -1 .. 1.5; height of the IMU above the pitch axis */
   tse_setting imu_misalignment_angle;           /* [rad] 0, -0.2 .. 0.2; angle from the axes of the car to
-                                                 * those of the IMU, positive left */
+                                                 * those of the IMU; positive: the IMU is turned to the
+                                                 * left */
   tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_x / true value - 1 */
   tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_y / true value - 1 */
   tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading of yaw_rate / true value - 1 */
-  tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; delay of the readings relative to
-                                                 * steering angle and wheel speeds */
-  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the user's formula; 0: no
+  tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; delay of the readings of accelerometers
+                                                 * and gyro relative to steering angle and wheel speeds */
+  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the value of the user's
+                                                 * formula, a term that is added to the vehicle model; 0:
+                                                 * no formula */
+  tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; number a of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; number b of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_c;                        /* [1] 0, -1000000 .. 1000000; number c of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_d;                        /* [1] 0, -1000000 .. 1000000; number d of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_e;                        /* [1] 0, -1000000 .. 1000000; number e of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_f;                        /* [1] 0, -1000000 .. 1000000; number f of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_g;                        /* [1] 0, -1000000 .. 1000000; number g of the user's
+                                                 * formula, in the unit that the formula requires */
+  tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; number h of the user's
+                                                 * formula, in the unit that the formula requires */
+  int32_t formula_place;                        /* 0, 0 .. 9; code of the quantity of the vehicle model to
+                                                 * which the value of the user's formula is added */
+  int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the user's
+                                                 * formula, one byte each, operation 1 in the lowest byte */
+  int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 of the user's
                                                  * formula */
-  tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; number a of the formula, in
-                                                 * its own unit */
-  tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; number b of the formula, in
-                                                 * its own unit */
-  tse_setting formula_c;                        /* [1] 0, -1000000 .. 1000000; number c of the formula, in
-                                                 * its own unit */
-  tse_setting formula_d;                        /* [1] 0, -1000000 .. 1000000; number d of the formula, in
-                                                 * its own unit */
-  tse_setting formula_e;                        /* [1] 0, -1000000 .. 1000000; number e of the formula, in
-                                                 * its own unit */
-  tse_setting formula_f;                        /* [1] 0, -1000000 .. 1000000; number f of the formula, in
-                                                 * its own unit */
-  tse_setting formula_g;                        /* [1] 0, -1000000 .. 1000000; number g of the formula, in
-                                                 * its own unit */
-  tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; number h of the formula, in
-                                                 * its own unit */
-  int32_t formula_place;                        /* 0, 0 .. 9; code of the place at which the value of the
-                                                 * formula is added */
-  int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the formula, one
-                                                 * byte each, the first in the lowest byte */
-  int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 of the formula */
-  int32_t formula_code_3;                       /* 0, 0 .. 16777215; operations 7 .. 9 of the formula */
-  int32_t formula_code_4;                       /* 0, 0 .. 16777215; operations 10 .. 12 of the formula */
-  int32_t formula_code_5;                       /* 0, 0 .. 16777215; operations 13 .. 15 of the formula */
-  int32_t formula_code_6;                       /* 0, 0 .. 16777215; operations 16 .. 18 of the formula */
-  int32_t formula_code_7;                       /* 0, 0 .. 16777215; operations 19 .. 21 of the formula */
-  int32_t formula_code_8;                       /* 0, 0 .. 16777215; operations 22 .. 24 of the formula */
-  int32_t formula_code_9;                       /* 0, 0 .. 16777215; operations 25 .. 27 of the formula */
-  int32_t formula_code_10;                      /* 0, 0 .. 16777215; operations 28 .. 30 of the formula */
-  int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 of the formula */
+  int32_t formula_code_3;                       /* 0, 0 .. 16777215; operations 7 .. 9 of the user's
+                                                 * formula */
+  int32_t formula_code_4;                       /* 0, 0 .. 16777215; operations 10 .. 12 of the user's
+                                                 * formula */
+  int32_t formula_code_5;                       /* 0, 0 .. 16777215; operations 13 .. 15 of the user's
+                                                 * formula */
+  int32_t formula_code_6;                       /* 0, 0 .. 16777215; operations 16 .. 18 of the user's
+                                                 * formula */
+  int32_t formula_code_7;                       /* 0, 0 .. 16777215; operations 19 .. 21 of the user's
+                                                 * formula */
+  int32_t formula_code_8;                       /* 0, 0 .. 16777215; operations 22 .. 24 of the user's
+                                                 * formula */
+  int32_t formula_code_9;                       /* 0, 0 .. 16777215; operations 25 .. 27 of the user's
+                                                 * formula */
+  int32_t formula_code_10;                      /* 0, 0 .. 16777215; operations 28 .. 30 of the user's
+                                                 * formula */
+  int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 of the user's
+                                                 * formula */
   tse_setting sample_time;                      /* [s] 0.01, 0.001 .. 0.1; nominal time between rows */
   tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; forgetting factor lambda of
-                                                 * equation (17) per sample_time; the memory is 1/(1 -
-                                                 * lambda) samples; paper's filter */
+                                                 * equation (17) of the paper per sample_time; the memory
+                                                 * is 1/(1 - lambda) samples; no effect in the default
+                                                 * filter */
   tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of the mean
                                                  * stiffness per sample_time, used for gamma in equation
-                                                 * (17); 0: equal to the setting forgetting (the paper);
-                                                 * paper's filter */
-  tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean, used
-                                                 * while innovations are correlated, for example after a
-                                                 * change of road; 1: no reduction (the paper); paper's
-                                                 * filter */
+                                                 * (17) of the paper; 0: equal to the setting forgetting
+                                                 * (the paper); no effect in the default filter */
+  tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean
+                                                 * stiffness; while innovations are correlated, for example
+                                                 * after a change of the road surface, the forgetting
+                                                 * factor is reduced down to this min; 1: no reduction (the
+                                                 * paper); no effect in the default filter */
   tse_setting resample_threshold;               /* [1] 0.5, 0 .. 1; resample when the effective number of
-                                                 * particles N_eff falls to this share of all particles;
-                                                 * paper's filter */
+                                                 * particles N_eff falls to this share of all particles; no
+                                                 * effect in the default filter */
   tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; initial front longitudinal stiffness,
                                                  * relative to nominal */
   tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; initial front cornering stiffness,
@@ -327,98 +366,113 @@ typedef struct tse_config {
   tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; initial rear cornering stiffness,
                                                  * relative to nominal */
   tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness,
-                                                 * relative to nominal: sqrt(gamma Sigma); paper's filter */
+                                                 * relative to nominal: sqrt(gamma Sigma); no effect in the
+                                                 * default filter */
   tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; relative sd of the initial longitudinal
-                                                 * stiffness; default filter */
+                                                 * stiffness; no effect in the paper's filter */
   tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; relative sd of the initial front
-                                                 * cornering stiffness; default filter */
+                                                 * cornering stiffness; no effect in the paper's filter */
   tse_setting initial_cy_rear_sd;               /* [1] 0.25, 0 .. 2; relative sd of the initial rear
-                                                 * cornering stiffness; default filter */
+                                                 * cornering stiffness; no effect in the paper's filter */
   tse_setting grip;                             /* [1] 1, 0 .. 50; initial friction coefficient of the
                                                  * tyres, split between the axles by
-                                                 * tyre_saturation_balance; 0:
-                                                 * 1/tyre_saturation_inverse_friction, or no saturation if
-                                                 * that setting is 0, too; default filter */
-  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; relative sd of grip; default filter */
-  tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; initial sample-to-sample sd of a
-                                                 * stiffness, relative to nominal: sqrt(Sigma); paper's
-                                                 * filter */
-  tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; max learnt sample-to-sample sd of a
-                                                 * stiffness, relative to nominal; a larger one would be
-                                                 * sensor noise; 2: no limit (the paper); paper's filter */
-  tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of the random factor of
-                                                 * mean 1 by which Lambda of a resampled particle is
-                                                 * multiplied, so that copies differ; 0: no factor (the
-                                                 * paper); paper's filter */
-  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu:
-                                                 * initial_spread has the weight of this many samples;
+                                                 * tyre_saturation_balance; 0: the coefficient is
+                                                 * 1/tyre_saturation_inverse_friction, and if
+                                                 * tyre_saturation_inverse_friction is 0, too, the tyres do
+                                                 * not saturate; no effect in the paper's filter */
+  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; relative sd of grip; no effect in the
                                                  * paper's filter */
-  tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; min sd of a mean stiffness that was
-                                                 * learnt in an earlier drive, relative to nominal, because
-                                                 * the road may be different */
+  tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; initial sample-to-sample sd of a
+                                                 * stiffness, relative to nominal: sqrt(Sigma); no effect
+                                                 * in the default filter */
+  tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; max estimated sample-to-sample sd of a
+                                                 * stiffness, relative to nominal; a larger estimate would
+                                                 * be due to sensor noise; 2: no limit (the paper); no
+                                                 * effect in the default filter */
+  tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of a random factor of mean
+                                                 * 1; after resampling, Lambda of each particle is
+                                                 * multiplied by such a factor, so that copies of a
+                                                 * particle differ; 0: no factor (the paper); no effect in
+                                                 * the default filter */
+  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu:
+                                                 * initial_spread has the weight of this many samples; no
+                                                 * effect in the default filter */
+  tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; min sd of a mean stiffness that is
+                                                 * loaded from an earlier drive, relative to nominal,
+                                                 * because the road surface may have changed since */
   tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; random walk of a mean
                                                  * stiffness between drives: sd of its change in one day,
                                                  * relative to nominal, caused by wear, pressure,
                                                  * temperature, other tyres */
   tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; initial vel_x if
-                                                 * initial_vel_x_from_wheels is 0; paper's filter */
-  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; sd of the initial vel_x; paper's
+                                                 * initial_vel_x_from_wheels is 0; no effect in the default
                                                  * filter */
+  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; sd of the initial vel_x; no effect
+                                                 * in the default filter */
   tse_setting initial_vel_y_sd;                 /* [m/s] 0.1, 0 .. 10; sd of the initial vel_y, whose mean
-                                                 * is 0; paper's filter */
-  tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; sd of the initial yaw rate, whose
-                                                 * mean is the first sample, or 0 if it is missing; paper's
-                                                 * filter */
+                                                 * is 0; no effect in the default filter */
+  tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; sd of the initial yaw rate; its
+                                                 * mean is the first sample of yaw_rate, or 0 if this
+                                                 * sample is missing; no effect in the default filter */
   tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; min stiffness, relative to
-                                                 * nominal; in the paper's filter with reflect_draws = 0 it
-                                                 * limits only the initial value */
+                                                 * nominal; in the paper's filter with reflect_draws = 0,
+                                                 * this limit applies only to the initial stiffness */
   tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; max stiffness, relative to nominal */
   tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; min wheel speed for learning; below
                                                  * it, and in reverse, stiffness is not updated */
   tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; max steering angle for learning;
                                                  * beyond it, stiffness is not updated */
   tse_setting max_slip;                         /* [1] 0.05, 0.01 .. 1; max slip of an axle whose wheels
-                                                 * neither lock nor spin; default filter */
+                                                 * neither lock nor spin; above this limit, the filter
+                                                 * reports that wheels slide; no effect in the paper's
+                                                 * filter */
   tse_setting noise_max;                        /* [1] 30, 1 .. 1000; max ratio of the estimated noise sd
-                                                 * of a sensor to its setting; default filter */
+                                                 * of a sensor to its setting; a larger estimate is limited
+                                                 * to this ratio; no effect in the paper's filter */
   tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; max time between rows; after a
-                                                 * longer gap the motion is set from the sensors */
+                                                 * longer gap, velocities and yaw rate are initialised from
+                                                 * the sensors again */
   tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; max sd of a valid stiffness,
                                                  * relative to its mean (paper's filter: relative to
                                                  * nominal) */
-  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; relative sd of the random
-                                                 * walk of a stiffness in 1 s while no event happens: wear,
-                                                 * temperature; default filter */
+  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; relative sd of the change
+                                                 * of a stiffness in 1 s by wear and temperature, which is
+                                                 * a random walk; abrupt changes of road or tyres are
+                                                 * modelled separately; no effect in the paper's filter */
   int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM;
                                                  * filter: 0 the default Kalman filter, 1 the paper's
                                                  * particle filter; form 2 of older versions is now
                                                  * tse_config_robust() */
   tse_setting cg_height;                        /* [m] 0.55, 0 .. 3; height of the centre of gravity, for
-                                                 * the load transfer between the axles; default filter */
-  int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are the same signal, the
-                                                 * speed of the vehicle, from which no slip can be
-                                                 * estimated; 2: they are two signals, unless the filter
-                                                 * finds that they are the same; default filter */
-  int32_t driven_axle;                          /* 0, 0 .. 2; driven axle: 0 both or unknown, 1 front, 2
-                                                 * rear; with 1 or 2, the axle that is not driven rolls
-                                                 * freely while the car does not brake; default filter */
-  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; number of particles;
+                                                 * the load transfer between the axles; no effect in the
                                                  * paper's filter */
+  int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speed channels carry the same
+                                                 * signal, the speed of the vehicle, from which no slip can
+                                                 * be estimated; 2: the channels carry two signals, unless
+                                                 * the filter finds that both signals are equal; no effect
+                                                 * in the paper's filter */
+  int32_t driven_axle;                          /* 0, 0 .. 2; driven axle: 0 both or unknown, 1 front, 2
+                                                 * rear; with 1 or 2, the filter assumes that the axle that
+                                                 * is not driven rolls freely while the car does not brake;
+                                                 * no effect in the paper's filter */
+  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; number of particles; no
+                                                 * effect in the default filter */
   int32_t resampling;                           /* 0, 0 .. 3; method of resampling: 0 systematic, 1
-                                                 * stratified, 2 residual, 3 multinomial; paper's filter */
-  int32_t integration;                          /* 0, 0 .. 2; integration of equation (7) between rows: 0
-                                                 * Euler with held inputs (the paper), 1 second order with
-                                                 * linear inputs, 2 second order with a held steering
-                                                 * angle; paper's filter */
+                                                 * stratified, 2 residual, 3 multinomial; no effect in the
+                                                 * default filter */
+  int32_t integration;                          /* 0, 0 .. 2; integration of equation (7) of the paper
+                                                 * between rows: 0 Euler with held inputs (the paper), 1
+                                                 * second order with linear inputs, 2 second order with a
+                                                 * held steering angle; no effect in the default filter */
   int32_t reflect_draws;                        /* 0, 0 .. 1; 1: a stiffness that is drawn below
-                                                 * stiffness_min in equation (25) is reflected at this
-                                                 * limit; 0: it is used as drawn (the paper); paper's
-                                                 * filter */
+                                                 * stiffness_min in equation (25) of the paper is reflected
+                                                 * at stiffness_min; 0: the stiffness is used as drawn (the
+                                                 * paper); no effect in the default filter */
   int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: the initial vel_x is the mean of the wheel
-                                                 * speeds; 0: it is the setting initial_vel_x; paper's
-                                                 * filter */
-  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; paper's
-                                                 * filter */
+                                                 * speeds; 0: the initial vel_x is the setting
+                                                 * initial_vel_x; no effect in the default filter */
+  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; no
+                                                 * effect in the default filter */
   // clang-format on: end of table
 } tse_config;
 

@@ -50,7 +50,7 @@ NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() 
 # setting names this filter. ONLY has, for each filter, the suffix that is added to the
 # text of such a setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
-ONLY = {"default": "; default filter", "paper": "; paper's filter"}
+ONLY = {"default": "; no effect in the paper's filter", "paper": "; no effect in the default filter"}
 # First part of the sentence on how the filters use an effect. Key: value of the column
 # `filter` of the effect.
 USES = {

@@ -468,7 +468,7 @@ def test_settings_of_a_filter_are_checked_and_win():
     assert tse.Filter(CAR, sample_time=0.04).settings["max_gap"] >= 0.2
     assert tse.Filter(form="paper").settings["form"] == Config.exact(Config.settings_of("paper")).form
     with pytest.raises(
-        tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass; 0"
+        tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(mass of the car; 0"
     ):
         tse.Filter(CAR, settings={"mass": 1})
     with pytest.raises(tse.SettingError, match="did you mean mass"):
