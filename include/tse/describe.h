@@ -1,7 +1,7 @@
-/* tse/describe.h - functions that return the names, units, ranges and meanings of
- * all struct members and codes of the library at run time, for bindings such as
- * Python and the FMUs. The linker leaves these tables out of a program that does not
- * call the functions. */
+/* tse/describe.h - functions that return tables with the names, units, ranges and
+ * meanings of all struct members and codes of the library at run time, for bindings such
+ * as Python and the FMUs. The linker leaves the tables out of a program that does not
+ * call these functions. */
 #ifndef TSE_DESCRIBE_H
 #define TSE_DESCRIBE_H
 
@@ -17,9 +17,11 @@
 extern "C" {
 #endif
 
-/* Tables of tse_describe(). In a build without effects, tse_describe() returns NULL for
- * the structs of simulator and replay. A row of a list of codes has the numerical value
- * of the code in `offset`, and its name and meaning in `name` and `text`. */
+/* Tables that tse_describe() can return. A table describes the members of a struct, or
+ * the codes of a list such as the status codes. Each of its rows is a tse_field. In the
+ * row of a code, `offset` is the numerical value of the code, `name` its name and `text`
+ * its meaning. A build without effects (TSE_NO_EFFECTS) has no tables for the structs of
+ * the simulator and of the replay. */
 typedef enum tse_struct {
   TSE_STRUCT_CONFIG,
   TSE_STRUCT_INPUT,
@@ -32,45 +34,53 @@ typedef enum tse_struct {
   TSE_STRUCT_REPLAY_LOG,    /* log for a replay */
   TSE_STRUCT_REPLAY_START,  /* constants and initial state of a replay */
   TSE_STRUCT_REPLAY_OUT,    /* results of a replay */
-  TSE_STRUCT_FORMULA_PLACE, /* list of the places where a formula may act (src/tables/formula.toml) */
-  TSE_STRUCT_FORMULA_OP,    /* list of the operations of a formula. `def`: number of operands. `kind`:
-                             * 'n' number, 's' signal, 'p' plain function, 'm' function with memory */
-  TSE_STRUCT_FORMULA_LIMIT, /* list of the limits of a formula. `offset`: the limit */
+  TSE_STRUCT_FORMULA_PLACE, /* list of the quantities of the model to which the value of the user's
+                             * formula can be added (src/tables/formula.toml) */
+  TSE_STRUCT_FORMULA_OP,    /* list of the operations of a formula. tse_field.def: number of operands.
+                             * tse_field.kind: 'n' is one of the numbers formula_a ..., 's' a signal of
+                             * the model, 'p' a function of its operands, 'm' a function that also depends
+                             * on earlier values of its operands */
+  TSE_STRUCT_FORMULA_LIMIT, /* list of the limits of a formula, such as the max number of its operations.
+                             * tse_field.offset: value of the limit */
   TSE_STRUCTS
 } tse_struct;
 
 /* One member of a struct, or one code of a list. */
 typedef struct tse_field {
   const char *name;
-  char kind;          /* type: 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code, 'p' array,
-                       * 'o' array or NULL */
-  int32_t offset;     /* bytes from the start of the struct */
+  char kind;          /* type of a member: 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t,
+                       * 'p' pointer to an array, 'o' pointer to an array or NULL. 'c': the row is a code
+                       * of a list */
+  int32_t offset;     /* bytes from the start of the struct to the member; for a code: its value */
   double def, lo, hi; /* default, min, max; hi < lo if there is no range */
   const char *unit;
   const char *text;
 } tse_field;
 
-/* Return the members of a struct, or the codes of a list.
- *   Returned:  pointer to the first of *count rows; NULL if there is no such struct
+/* Return the table `which`: the members of a struct, or the codes of a list.
+ *   Returned:  pointer to the first of *count rows; NULL if this build has no such table
  *              *size  bytes of the struct; 0 for a list */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
-/* One effect of src/tables/effects.toml.
- *   hook         step of the computation in which the model applies the effect: CONSTANT,
- *                INPUT ... SENSOR (src/model/effects.h)
+/* One effect: a property of cars that the single-track model leaves out, such as a
+ * steering delay (src/tables/effects.toml).
+ *   hook         point in the evaluation of the model at which the function of the effect
+ *                is called: CONSTANT, INPUT ... SENSOR. src/tables/effects.toml explains
+ *                these names
  *   title        name of the effect
- *   entry_point  part of the model that the effect changes
+ *   entry_point  part of the car whose model the effect changes, such as "front axle"
  *   channels     channels in which the effect is visible
- *   look_alikes  effects whose influence on the channels is similar
- *   estimator    how the filters use the effect */
+ *   look_alikes  other effects, or settings, whose influence on the channels is similar
+ *   estimator    which filters use the settings of the effect, and how */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;            /* number of its bit in tse_effects.mask */
   const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
   const char *occurrence; /* column `occurrence` of src/tables/effects.toml: SENSOR, EVERY_CAR ... */
-  /* title that replaces `title` if the strength of the effect is below early_below.
-   * Example: a negative steering delay is a latency of the log, and a very short steering
-   * lag is a low pass of the IMU. "": `title` is never replaced */
+  /* title that replaces `title` if the strength of the effect is below early_below. Such
+   * a value has its cause in the log or in the IMU, not in the car. Example: if the
+   * estimated steering delay is negative, the steering angle was logged late. "": `title`
+   * is never replaced */
   const char *early;
   double early_below;
 } tse_effect_row;
@@ -80,8 +90,8 @@ typedef struct tse_effect_row {
  *                velocity, pedals, road, effects, formula or filter
  *   filter       filters whose estimates depend on it: "both", "default", "paper"
  *                or "none"
- *   replaced_by  name of a different setting. If that setting is not 0, the filter uses it
- *                instead of this one. "": there is no such setting */
+ *   replaced_by  name of a second setting. If the second setting is not 0, the filter
+ *                uses it and ignores this one. "": no setting replaces this one */
 typedef struct tse_setting_row {
   const char *name, *table, *filter, *replaced_by;
 } tse_setting_row;
@@ -89,9 +99,10 @@ typedef struct tse_setting_row {
 /* One parameter of an effect. The member `setting` is its name in tse_config. */
 typedef struct tse_effect_parameter {
   const char *effect, *parameter, *setting, *unit, *text;
-  int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape; it has no
-                                  * influence while all strengths are 0. -1: a shape, too, but one that
-                                  * cannot be estimated from logs together with the strength */
+  int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape parameter;
+                                  * it has no influence while all strengths are 0. -1: a shape parameter
+                                  * that is never fitted, because logs do not show its influence separately
+                                  * from the influence of the strength */
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
   double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
@@ -110,8 +121,9 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
  *   count NULL: the number of rows is not returned */
 const tse_setting_row *tse_describe_settings(int32_t *count);
 
-/* Properties of this build of the library. New members are appended at the end, so that a
- * host can read the struct of an older library. */
+/* Properties of this build of the library. Later versions append new members at the end.
+ * A host that sets the struct to 0 before the call can therefore load an older library:
+ * the members that this library does not have stay 0. */
 typedef struct tse_build {
   const char *version, *format;                                /* version; number format */
   int32_t capacity;                                            /* max number of particles */

@@ -6,12 +6,15 @@
 
 #include "tse/real.h"
 
-/* One row. Fill it with tse_input_default() first. A channel is missing if its value is
- * NaN or its bit is set in `missing`. A velocity, a pedal or a road angle is used only if
- * its bit is set in `given`. */
+/* One row. Fill it with tse_input_default() first. The comments give: [unit] range,
+ * consequence of a value out of range; meaning. "refused": tse_step() refuses the row.
+ * "missing": the channel counts as missing in this row. A channel whose value is NaN is
+ * missing, too. One of the first six channels is also missing if its bit is set in
+ * `missing`. The optional channels (velocities, brake and wheel torques, road angles) are
+ * missing unless their bit is set in `given`. */
 typedef struct tse_input {
-  tse_real dt; /* [s] (0, 3600]; time since the previous row; ignored until the first row that has steering
-                * angle and wheel speeds */
+  tse_real dt; /* [s] (0, 3600], else refused; time since the previous row. The filter starts at the first
+                * row that has steering angle and wheel speeds, and ignores dt of the rows up to this one */
   // clang-format off: table input_channels
   tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle,
                                 * positive left */

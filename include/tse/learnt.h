@@ -31,22 +31,25 @@
  *   252  q24 x 3   correlations 01, 02, 12 of the process noise; particle filter only
  *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
  *
- * Later formats will begin with the same eight bytes and end with the CRC, too. The
- * library can therefore distinguish a file of a later format from a damaged file.
+ * In every format the first eight bytes are "tsel", format and size, and the last four
+ * are the CRC. The library can therefore check the CRC of a later format that it does not
+ * know, and so distinguishes a file of a later format from a damaged file.
  *
  * A file is refused if it has a value out of range: a logarithm above 4 in magnitude, a
  * bias outside the range of its channel, a negative sd, or a correlation above 1 in
  * magnitude. Formats 1 and 2 are refused with TSE_E_OLD.
  *
- * The hash `vehicle` is computed from the vehicle settings, from mass to
- * rear_longitudinal_follows_front in tse_config, in single precision. These settings must
- * not change between drives, because the saved stiffness is relative to them. Settings of
- * sensors, filter, particles and seed may change. Biases do not depend on them, because
- * biases are stored in SI units. Noise and grip are stored relative to their settings: if
- * such a setting changes, the loaded noise or grip changes in proportion.
+ * The hash `vehicle` is computed, in single precision, from the vehicle settings (mass to
+ * rear_longitudinal_follows_front in tse_config), and from the parameters of all effects
+ * that are switched on and of the formula. None of these may change between drives: the
+ * saved stiffness is relative to its nominal value in the settings, and was estimated
+ * with this model. Settings of sensors, filter, particles and seed may change. The loaded
+ * biases do not change with them, because biases are stored in SI units. Noise and grip
+ * are stored as ratios to their settings: if such a setting changes, the loaded noise or
+ * grip changes in proportion.
  *
- * The learnt state is not a snapshot: it leaves out velocities, particles and weights. To
- * interrupt and continue a drive, copy the tse_filter. */
+ * The learnt state does not contain velocities, particles and weights, so that a drive
+ * cannot be continued from it. To interrupt and continue a drive, copy the tse_filter. */
 #ifndef TSE_LEARNT_H
 #define TSE_LEARNT_H
 
@@ -64,38 +67,45 @@ extern "C" {
 #endif
 
 /* Save the learnt state. A stiffness counts as learnt if it was loaded, or has been valid
- * since the last restart. With the paper's filter, if a stiffness was loaded and has not
- * been valid since then, its saved variance is at least the loaded variance.
+ * since the last restart of the filter. In the paper's filter, a stiffness that was
+ * loaded and has not been valid since then is saved with at least the variance that it
+ * had after loading.
  *   Returned:  out  unchanged if the result is negative
- *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has had no row
- *              yet, or holds a NaN. In this case keep the bytes of the earlier drive */
+ *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has not had a
+ *              row with steering angle and wheel speeds, or holds a NaN. After
+ *              TSE_E_STATE, keep the bytes of the earlier drive */
 tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out[TSE_LEARNT_BYTES]);
 
 /* Load a learnt state as the prior of the next start. Call it after tse_reset() and
  * before the first row.
  *   Given:     in, bytes  as saved; checked completely before they are used
  *              age_s      [s] time since the state was saved, while the ignition was off.
- *                         0xffffffff: this time is unknown. No sd is then smaller than in
- *                         the settings
+ *                         Use 0xffffffff (136 years) if this time is unknown: with the
+ *                         default settings, the sds of stiffness and biases then grow to
+ *                         those of the settings
  *   Updated:   f          unchanged, bit for bit, if the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (also after the first row), TSE_E_LEARNT,
- *              TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (f was not reset with p, or has had a
+ *              row), TSE_E_LEARNT, TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE
  *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
- *                                    learnt_walk_day^2 times the days, at most the
- *                                    variance in the settings
+ *                                    learnt_walk_day^2 n, where sd is the saved sd and n
+ *                                    is age_s in days. It is at most the variance in the
+ *                                    settings
  *              process sd            Paper's filter only. The process variance becomes
- *                                    the square of the saved sd plus the variance of the
- *                                    mean (above), so that the particles can follow a
- *                                    changed road. It is at most spread_max^2, and has
- *                                    the weight of initial_dof samples
+ *                                    the square of the saved process sd plus the aged
+ *                                    variance of the mean (above), at most spread_max^2.
+ *                                    Reason: the road surface may be different now, and
+ *                                    a larger process variance lets the particles follow
+ *                                    the change. This process variance counts as an
+ *                                    estimate from initial_dof samples
  *              bias                  Its variance grows at the rate of the random walk
  *                                    *_bias_walk, up to *_bias_sd^2. Meanwhile its mean
  *                                    decays, and is 0 when the variance reaches this
  *                                    limit. Reason: a part of the learnt bias is due to
  *                                    the slope of the last road
  *              noise, correlations   As saved
- *              grip, steering,       Their sd is at least a tenth of the sd in the
- *              wheel radius          settings, and at most the sd in the settings
+ *              grip, steering,       Their sd is the saved one, but at least a tenth of
+ *              wheel radius          the sd in the settings and at most the sd in the
+ *                                    settings
  *   A stiffness that has never been learnt starts from the settings. If the filter
  *   restarts because its state is not finite, each stiffness starts from the settings. */
 tse_status tse_learnt_load(
@@ -103,9 +113,10 @@ tse_status tse_learnt_load(
 
 /* Check a learnt state as tse_learnt_load() does, without a filter.
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()),
- *              TSE_E_LEARNT, TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE. With the last
- *              four, *wrong (if wrong is not NULL) names the wrong part, such as "its
- *              checksum" or "mean of cy_rear"; a string constant */
+ *              TSE_E_LEARNT, TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE. With one of the
+ *              last four, *wrong (if wrong is not NULL) points to a string constant that
+ *              names the wrong part of the file, such as "its checksum" or "mean of
+ *              cy_rear" */
 tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes, const char **wrong);
 
 #ifdef __cplusplus

@@ -15,9 +15,11 @@
 #endif
 
 /* Number of rows that a filter stores while it waits for channels with a latency
- * (settings ..._latency). The latencies may differ by up to TSE_LATENCY_ROWS - 4 sample
- * times. A row takes 7 tse_real and a byte. If the number is 0, tse_prepare() refuses
- * latencies. */
+ * (settings ..._latency). The latencies of two channels may differ by up to
+ * (TSE_LATENCY_ROWS - 4) sample_time. Of the other four rows, two are needed for
+ * interpolation at both ends, and two because rows may follow each other faster than
+ * sample_time. A stored row takes 7 tse_real and one byte of tse_filter. If
+ * TSE_LATENCY_ROWS is 0, tse_prepare() refuses settings with a latency. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32
 #endif

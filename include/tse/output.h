@@ -28,8 +28,8 @@ enum {
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
 /* Estimates after one row. A stiffness is relative to its nominal value in the settings,
- * because values in N/rad exceed the range of the fixed-point format. tse_stiffness_si()
- * converts it to N and N/rad. */
+ * because variances in (N/rad)^2 would exceed the range of the fixed-point format.
+ * tse_stiffness_si() converts a stiffness to N and N/rad. */
 typedef struct tse_output {
   // clang-format off: table output_members
   tse_real stiffness[3];         /* [1] mean stiffness of an axle, relative to its nominal value in the

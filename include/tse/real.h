@@ -2,12 +2,12 @@
  *
  *   TSE_REAL_DOUBLE   IEEE 754 binary64 (default)
  *   TSE_REAL_FLOAT    IEEE 754 binary32
- *   TSE_REAL_FIXED    fixed point in int64_t, resolution 2^-32, results up to 2^27, no
- *                     floating-point operations
+ *   TSE_REAL_FIXED    fixed point in int64_t, without floating-point operations.
+ *                     Resolution 2^-32. Results beyond +-2^27 saturate
  *
- * The CMake target and the pkg-config file pass this choice on to every program that uses
- * the library. If a program is compiled with a different choice, it does not link,
- * because the names of public functions end in the format (TSE_NAME below).
+ * The CMake target and the pkg-config file define the same macro in every program that
+ * uses the library. A program that is compiled for a different format does not link: the
+ * name of each public function ends in the format, as in tse_step_f32 (TSE_NAME below).
  *
  *   tse_real          type of the numbers in a filter
  *   tse_setting       type of the settings; used in tse_prepare(), never in tse_step()
@@ -52,8 +52,8 @@ typedef int64_t tse_setting;
 /* Convert a literal, rounded to nearest. Use it for literals only: the compiler then
  * evaluates the expression, so that the program has no floating-point operation. */
 #define TSE_R(x) ((tse_real)((x) * (double)((int64_t)1 << TSE_FRACTION_BITS) + ((x) < 0 ? -0.5 : 0.5)))
-/* Round settings to single precision, so that the hash of the vehicle (tse/learnt.h) is
- * the same in every number format. */
+/* Convert a literal of a setting. It is rounded to single precision first, so that the
+ * hash of the vehicle (tse/learnt.h) is the same in every number format. */
 #define TSE_S(x) TSE_R((double)(float)(x))
 
 #else

@@ -1,10 +1,12 @@
-/* tse/replay.h - compute accelerations, yaw rate, velocities and wheel torques from the
- * steering angle and the wheel speeds of a log.
+/* tse/replay.h - replay of a log: the vehicle model, driven by the steering angle and the
+ * wheel speeds of the log, predicts accelerations, yaw rate, velocities and wheel
+ * torques.
  *
  * The replay is deterministic: stiffness and biases are constant, and there is no
- * noise. The settings switch the effects of src/tables/effects.toml on. Fits of
- * vehicle parameters call it thousands of times. The rules about memory and threads
- * are those of tse/tse.h. */
+ * noise. The settings switch the effects of src/tables/effects.toml on. A fit of vehicle
+ * parameters calls the replay thousands of times and compares the predicted with the
+ * logged channels. As in tse/tse.h, the caller owns all memory, and several threads may
+ * replay at once. */
 #ifndef TSE_REPLAY_H
 #define TSE_REPLAY_H
 
@@ -39,7 +41,7 @@ typedef struct tse_replay_log {
   // clang-format on: end of table
 } tse_replay_log;
 
-/* Constants and initial state of a replay. */
+/* Constants and initial state of a replay. The comments give: [unit] default; meaning. */
 typedef struct tse_replay_start {
   // clang-format off: table replay_start_members
   tse_real cx_front;             /* [1] 1; front longitudinal stiffness, relative to nominal; the rear one
@@ -83,19 +85,22 @@ typedef struct tse_replay_out {
 /* Fill s with the defaults.   s NULL: no effect. */
 void tse_replay_start_default(tse_replay_start *s);
 
-/* Replay a whole log. Inputs are linear between rows. The substeps are those of the
- * paper's filter (vehicle_steps() in src/model/vehicle.h).
- *   Given:     p    from tse_prepare(), with its effects
+/* Replay a whole log. Between two rows the inputs change linearly. The model is
+ * integrated in substeps, whose number is that of the paper's filter (vehicle_steps() in
+ * src/model/vehicle.h).
+ *   Given:     p    from tse_prepare(). The effects that its settings switch on act
  *              log  arrays of `rows` finite values
  *              s    constants and initial state
- *   Updated:   out  motion and sensors at each row. Unchanged if a row is refused. If the
- *                   motion overflows, the rows before the overflow are filled
+ *   Updated:   out  motion and sensor readings at each row. The log and s are checked
+ *                   first: out is unchanged if one of their values is wrong. If the
+ *                   motion overflows later, the rows before the overflow are filled
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()), TSE_E_TIME,
  *              or TSE_E_INPUT: a value of the log or of s is out of range or not finite,
  *              or the motion overflows. With TSE_E_TIME and TSE_E_INPUT, *wrong (if wrong
- *              is not NULL) is the index of the row; it is 0 for a wrong value of s
- *   Cost:      two evaluations of the model for each substep; 0.1 us a row without
- *              effects
+ *              is not NULL) is the index of the wrong row, or of the row in which the
+ *              motion overflows; it is 0 for a wrong value of s
+ *   Cost:      two evaluations of the model for each substep, because the integration
+ *              method has two stages; 0.1 us a row without effects
  *   Source:    equations (1) to (4) and (7), src/EQUATIONS.md */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
     const tse_replay_out *out, int32_t *wrong);

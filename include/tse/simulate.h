@@ -1,12 +1,12 @@
 /* tse/simulate.h - simulator for studies: a single-track model that is driven
  * by wheel torques.
  *
- * The motion and the wheel speeds are integrated in steps of at most `substep`. Stiffness
- * is drawn at random in every row. The sensors have noise, and biases that drift. With
- * the setting `friction` tyre forces saturate, so that wheels can lock and spin. The
- * settings of the vehicle switch the effects of src/tables/effects.toml on. The rules are
- * those of tse/tse.h: the caller owns the memory, there are no globals, and the state
- * holds no pointers. */
+ * The motion and the wheel speeds are integrated in steps of at most `substep`. In every
+ * row, each stiffness is drawn at random about its mean (settings true_... and
+ * spread_...). The sensors have noise, and biases that drift. With the setting `friction`
+ * tyre forces saturate, so that wheels can lock and spin. The settings of the vehicle
+ * switch the effects of src/tables/effects.toml on. As in tse/tse.h, the caller owns the
+ * memory, there are no globals, and the state holds no pointers. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
 
@@ -65,8 +65,10 @@ typedef struct tse_sim_config {
   // clang-format on: end of table
 } tse_sim_config;
 
-/* Inputs of driver and road at a row. Between rows they change linearly, or are held if
- * `hold_inputs` is 1. road_level and road_friction are always held until the next row. */
+/* Inputs of driver and road at a row. The comments give: [unit] default, min .. max;
+ * meaning. Until the next row the inputs change linearly to those of the next row or, if
+ * the setting hold_inputs is 1, stay constant. road_level and road_friction always stay
+ * constant until the next row. */
 typedef struct tse_sim_input {
   tse_real dt; /* [s] (0, 1]; time since the previous row; ignored at the first row */
   // clang-format off: table sim_input_members
@@ -120,8 +122,9 @@ typedef struct tse_sim tse_sim;
 #if !defined(TSE_INTERNALS)
 struct tse_sim {
   tse_params_bytes params;
-  /* inputs of the last row. fmu/SingleTrackVehicle overwrites them, so that its inputs can
-   * jump at the start of a step */
+  /* inputs of the last row, from which the inputs of the next step start.
+   * fmu/SingleTrackVehicle overwrites them before a step, so that its inputs change
+   * abruptly at the start of the step, not linearly during the step */
   tse_sim_input last;
   tse_sim_bytes bytes;
 };
@@ -133,9 +136,11 @@ void tse_sim_config_default(tse_sim_config *s);
 /* Check the settings of the simulator as tse_config_check() checks those of a filter. */
 tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 
-/* Start a simulation of the vehicle in c.
+/* Start a simulation of the vehicle in c, with the settings s of the simulator.
  *   Updated:   sim  unchanged if the result is negative
- *   Returned:  as tse_prepare(); *wrong may also name a setting of s */
+ *   Returned:  status of tse_prepare() for c or, if it is not negative, of
+ *              tse_sim_config_check() for s. *wrong (if wrong is not NULL) then names the
+ *              wrong setting of c or of s */
 tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong);
 
 /* Advance to the next row and log it. The first call logs the initial state and
@@ -143,8 +148,10 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
  *   Updated:   sim  unchanged if the result is negative
  *   Returned:  y    row of the log and true values; unchanged if the result is negative
  *              TSE_OK, TSE_E_NULL, TSE_E_TIME, or TSE_E_INPUT: an input is out of range,
- *              or accelerates the car beyond 1000 m/s or 200 rad/s
- *   Cost:      2 dt/substep evaluations of the model */
+ *              or the motion exceeds a limit: velocity 1000 m/s, yaw rate 200 rad/s,
+ *              wheel speed 1e7 rad/s, or the range of the number format
+ *   Cost:      2 dt/substep evaluations of the model: two for each substep, because the
+ *              integration method has two stages */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);
 
 /* Check a struct tse_sim that was copied from a file or from another program.
