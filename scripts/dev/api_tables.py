@@ -135,7 +135,7 @@ def write_module() -> str:
             "",
             "class Status(IntEnum):",
             '    """What the filter did with a row. Below 0: it refused the row, and the estimates are',
-            '    unchanged. 0: it used the row. Above 0: it used the row, with this warning."""',
+            '    unchanged. 0: it used the row. Above 0: it used the row. The code is a warning."""',
             "",
             *status,
             "",

@@ -28,10 +28,11 @@ def edit_car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
 
 
 CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
-    # name of the case:
+    # Key: name of a mistake that users make. Value:
     # 1. function that makes the mistake: it returns a wrong log or writes a wrong file
-    # 2. arguments of tselab
-    # 3. start of the line of output to show; "": show the verdict
+    # 2. arguments with which tselab is called on this log and these files
+    # 3. start of the first line of output that the page shows. "": the page shows all
+    #    errors, warnings and notes, and the lines about the stiffnesses
     "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR_PREFIX),
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR_PREFIX),
     "degrees": (
@@ -69,7 +70,8 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
 
 
 def run_case(name: str) -> tuple[int, str]:
-    """Run the command of a case in a new folder. Return exit code and output."""
+    """Make the mistake `name` of CASES in a new folder and run its command there. Return
+    the exit code and the output."""
     make, arguments, _ = CASES[name]
     log, before = tse.simulate("square-waves", duration=DRIVE_DURATION).log, Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
@@ -89,7 +91,8 @@ def run_case(name: str) -> tuple[int, str]:
 
 
 def show_case(name: str) -> str:
-    """Return the command of a case and the relevant lines of its output, in Markdown."""
+    """Return, in Markdown, the command for the mistake `name` of CASES and the relevant
+    lines of its output."""
     code, said = run_case(name)
     _, arguments, begins = CASES[name]
     lines = [line for line in said.splitlines() if line.strip()]

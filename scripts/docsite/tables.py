@@ -1,6 +1,8 @@
 """Make tables and pages of the documentation, most of them from src/tables.
 
-A function make_X() makes the block X of a page. docsite.fill calls it.
+Each function make_X() returns the content of block X. A block is a part of a Markdown
+page between the comments `<!-- table: X -->` and `<!-- end -->`. docsite.fill calls the
+functions and replaces the blocks.
 """
 
 import math
@@ -554,7 +556,8 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     name
         File name without suffix.
     rows
-        Beginnings of rows. The first row with each beginning is selected.
+        Texts of the first cell or, separated by " | ", of the first cells. For each text,
+        the first row that begins with it is selected.
     keep
         Indices of the columns to select.
     """
@@ -574,7 +577,7 @@ def make_measured_cars() -> str:
     calibrated cars.
 
     For comparison, the table also has the errors for cars that are not calibrated, and
-    the errors that a constant stiffness would have instead of the filter."""
+    the errors of a constant stiffness that replaces the estimates of the filter."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",
@@ -590,8 +593,9 @@ def make_measured_events() -> str:
     """Return a table with the time for which estimates are wrong after an event, such as
     ice or a loss of pressure.
 
-    For comparison, the table also has the time after which the change is significant in a
-    filter that is started anew at the change, with a wide prior."""
+    For comparison, the table also has the time that a filter needs to detect the change
+    if it is started at the moment of the change, with a wide prior. The change counts as
+    detected when it exceeds half the width of the 95 % interval of a stiffness."""
 
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)

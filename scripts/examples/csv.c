@@ -4,7 +4,8 @@
 #include "tse/tse.h"
 
 /* Read a log as CSV from standard input. Print the front cornering stiffness at its end.
- * Columns: time, then the channels in the order of `channel`. SI units, ISO 8855. */
+ * Columns: time, then the channels in the order of the array `channel`. SI units, axes of
+ * ISO 8855. */
 int main(void)
 {
   static tse_filter f;

@@ -5,8 +5,8 @@
 
 The study `peers` runs all estimators on the same simulated drives: tse, Kalman filters
 with the true covariances, and the function whose name follows the `+`. This function
-receives the log and the settings of car and sensors, as tse does, and returns columns in
-N and N/rad.
+receives the log and the settings of car and sensors, as tse does. It returns the
+stiffnesses as columns with one value per row of the log, in N and N/rad.
 
 This example is a Kalman filter whose states are the compliances 1/C of both axles, as
 random walks. Side forces of the axles follow from yaw and lateral acceleration,

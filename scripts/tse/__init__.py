@@ -6,7 +6,7 @@ from sensors that every car has.
     # a whole log: a file or a data frame
     result = tse.estimate("drive.mf4", "car.toml")
     result.words, result.plot(), result.report("page.html")
-    # propose which signal of a log is which channel
+    # propose which signals of a log contain the inputs of the filter (its channels)
     tse.signals("drive.mf4").write("signals.toml")
     # fit the car, find effects that the model lacks, estimate the logs of many cars
     calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")

@@ -103,8 +103,9 @@ class Calibration(Shown):
         return Path(path)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the calibrated vehicle file and, next to it, all parameters as JSON and
-        the formula of the car if it has one."""
+        """Write the calibrated vehicle file. Next to it, write all parameters as JSON.
+        If the car has a formula (an effect that the user added to the model), write the
+        formula there, too."""
         output.write(Path(path), self._result, self._names)
         return Path(path)
 

@@ -67,11 +67,11 @@ class Result(Shown):
     """Key: uncertain parameter of the car (mass_sd ...). Value: (3,) the part of the
     final sd of the three stiffnesses that this parameter causes, relative to nominal."""
     calibration: dict[str, Any] | None = None
-    """Result of the calibration on the log itself. Keys: used, whether the estimates use
-    it; why, the reason if they do not; seconds, how much of the log was compared with the
-    simulation; stiffness, with 95 % intervals [N/rad]; latency [s]; not_shown, the
-    parameters that the log does not determine. None: the car was calibrated before, or
-    `calibrate` was False."""
+    """Result of the calibration of the car on this log. Keys: used, whether the estimates
+    use the calibration; why, the reason if they do not; seconds, how much of the log was
+    compared with the simulation; stiffness, with 95 % intervals [N/rad]; latency [s];
+    not_shown, the parameters that the log does not determine. None: the car was
+    calibrated before, or `calibrate` was False."""
     vehicle: Vehicle | None = None
     """The car that was used. `learnt` belongs to it: call estimate(next_log,
     result.vehicle, learnt=result.learnt)."""
@@ -107,10 +107,11 @@ class Result(Shown):
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) spread, in the units of `stiffness`. For the forms "robust" and "paper",
-        the spread is the standard deviation with which the stiffness varies from sample
-        to sample. For the default form, it is the size of the model discrepancy,
-        expressed as a stiffness."""
+        """(n, 3) spread, in the units of `stiffness`. Its meaning depends on the argument
+        `form` of estimate(). For the particle filters "robust" and "paper", the spread is
+        the standard deviation with which the stiffness varies from sample to sample. For
+        "default", it is the sd of the model error: the setting model_sd, which is
+        relative, times the stiffness."""
         return self._select_three("_spread")
 
     @property
@@ -132,10 +133,10 @@ class Result(Shown):
     def words(self) -> tuple[str, ...]:
         """The result in sentences, as the last lines of `tselab estimate --verbose`.
 
-        For an uncalibrated car the first sentence gives the stiffness that
-        the calibration on the log itself found, or says that there was no
-        calibration. Filter, the C library, the FMU and the browser page do
-        not calibrate on the log."""
+        If the car is not calibrated, estimate() first calibrates it on this log. In this
+        case, the first sentence gives the stiffness that was found, or the reason why
+        there was no calibration. Filter, the C library, the FMU and the browser page
+        never calibrate the car, so their results may differ from this one."""
         itself = self.vehicle.found[:1] if self.vehicle is not None else []
         return (*itself, *(line for lines in self.stretch_words for line in lines))
 
@@ -198,17 +199,17 @@ class Result(Shown):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """`warnings` and `notes` in the order in which `tselab estimate` prints them,
-        without the notes on values that the vehicle file lacks and that were filled
-        in."""
+        """`warnings` and `notes` in the order in which `tselab estimate` prints them.
+        The notes on keys that are missing in the vehicle file, and on the values that
+        were used for them, are left out."""
         return tuple(self._get_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """The `messages` about what may be wrong: `warnings`, warnings from reading the
-        log, and doubts about the vehicle file. Such a doubt arises if the calibration on
-        this log contradicts the file, but the estimates do not show that channels are
-        wrong."""
+        log, and doubts about the vehicle file. There is a doubt if the calibration on
+        this log contradicts the vehicle file. If the estimates also show that channels
+        contradict each other, the doubt is one of the `warnings` instead."""
         _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
@@ -219,19 +220,21 @@ class Result(Shown):
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run early. Always False without `keep_partial`."""
+        """Whether Ctrl-C ended the run early. Always False if estimate() was called
+        without `keep_partial`, because Ctrl-C then raises KeyboardInterrupt."""
         return self._get_estimates().interrupted
 
     @property
     def calibration_interrupted(self) -> bool:
-        """Whether Ctrl-C ended the calibration on the log itself. Always False without
-        `keep_partial`."""
+        """Whether Ctrl-C ended the calibration of the car on this log. Always False if
+        estimate() was called without `keep_partial`, because Ctrl-C then raises
+        KeyboardInterrupt."""
         return self.calibration is not None and self.calibration.get("why") == STOPPED
 
     @property
     def reported(self) -> bool:
-        """Whether the page was written to the file `report`. It is not written if no row
-        was estimated."""
+        """Whether the HTML page was written to the file that was given to estimate() as
+        `report`. The page is not written if no row was estimated."""
         return self._ran is not None and self._ran[0].reported
 
     @property
@@ -396,8 +399,9 @@ def estimate(
     settings
         Any settings by name. They override `config` and the vehicle.
     form
-        "default", or a particle filter: "paper" is the paper's filter as printed,
-        "robust" the same with settings that keep it from diverging.
+        Which filter runs. "default": the Kalman filter of tse. "paper": the particle
+        filter as printed in the paper of Berntorp and Di Cairano (2016). "robust": the
+        particle filter with settings that keep it from diverging.
     average
         [s] Length of the blocks over which the log is averaged before the filter runs, at
         most 0.1. Averaging is meant for noisy sensors. None: no averaging.
@@ -409,8 +413,9 @@ def estimate(
         [s] Time since the drive on which `learnt` was learnt. By default, it is the age
         of the file if `learnt` is a Path, and unknown if `learnt` is bytes.
     calibrate
-        Whether a car without calibrated stiffness is first calibrated on this log
-        (Result.calibration). If `learnt` is given, the car is never calibrated.
+        Whether a car without calibrated stiffness is first calibrated on this log.
+        Result.calibration then has the result of the calibration. If `learnt` is given,
+        the car is never calibrated.
     road
         Bank and grade of the road, for the filter: a file road.csv or a Road. The
         position of the car on the road is found from the positions in the log or, without
@@ -437,9 +442,10 @@ def estimate(
     -------
     Result
         `tselab estimate` computes the same estimates bit by bit. `result.filter()` also
-        computes them if it is given the same rows, with one exception. If channels
-        contradict each other, estimate() marks all rows as not valid. A filter cannot do
-        this, because it gets single rows and cannot detect the contradiction.
+        computes them if it is given the same rows, with one exception. If channels of the
+        whole log contradict each other (for instance by a wrong sign or unit), estimate()
+        marks all rows as not valid. A filter cannot do this, because it gets single rows,
+        in which such a contradiction is not visible.
 
     Raises
     ------
@@ -455,7 +461,7 @@ def estimate(
     If the vehicle does not state noise and biases of the sensors, they are estimated from
     the log. Missing channels, impossible single values and a clock that jumps do not end
     the run; Result.notes names them. If channels contradict each other, a UserWarning
-    names them (Result.warnings), and nothing is usable.
+    names these channels (so does Result.warnings), and no stiffness is usable.
     """
     check_form(form)
     car = read_vehicle(vehicle)

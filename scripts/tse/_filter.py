@@ -42,8 +42,9 @@ class Filter:
         Any settings by name (`tselab settings` lists them with default, range and unit).
         They override those of the vehicle.
     form
-        "default", or a particle filter: "paper" is the paper's filter as printed,
-        "robust" the same with settings that keep it from diverging.
+        Which filter runs. "default": the Kalman filter of tse. "paper": the particle
+        filter as printed in the paper of Berntorp and Di Cairano (2016). "robust": the
+        particle filter with settings that keep it from diverging.
     sample_time
         [s] Usual time between rows, 0.001 .. 1. None: the value of the setting
         sample_time, by default 0.01.
@@ -57,11 +58,12 @@ class Filter:
     Notes
     -----
     If the vehicle does not state noise and bias of a sensor, the defaults of the library
-    are used. estimate() estimates noise and bias from the log instead. To use these
-    values row by row, call the method filter() of the result of estimate(). From the same
-    rows, this filter computes the same estimates bit by bit. Filters do not share state.
-    One filter must not be used by two threads at once. copy() and the module copy make an
-    independent filter. A filter cannot be pickled.
+    are used. estimate() estimates noise and bias from the log instead. To use the values
+    from the log in a Filter, call the method filter() of the result of estimate(). It
+    returns a Filter that computes the same estimates as estimate() from the same rows,
+    bit by bit. Filters do not share state. One filter must not be used by two threads at
+    once. copy() and the module copy make an independent filter. A filter cannot be
+    pickled.
     """
 
     def __init__(
@@ -323,7 +325,7 @@ Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]
 
 def make_conversions(config: core.Config) -> list[Convert]:
     """Return one function for each output of the library, in the order of the outputs.
-    It converts the value of the output to one or more fields of Estimate."""
+    Each function converts the value of its output to one or more fields of Estimate."""
     lib = config.lib
     words = {code: f.name for code, f in lib.codes(REASON).items()}
     channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.optional])}}

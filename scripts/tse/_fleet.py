@@ -63,11 +63,12 @@ class Fleet(Shown):
     def ranking(self) -> tuple[tuple[str, str], ...]:
         """A pair for each car: its name, and a sentence.
 
-        The sentence states the smallest cornering stiffness of the car. If no cornering
-        stiffness is known, it states the longitudinal stiffness. If no stiffness is
-        known, it gives the reason. The cars are sorted by this stiffness, the smallest
-        first: cars with a cornering stiffness, then cars with a longitudinal one, then
-        the other cars."""
+        The sentence states the latest cornering stiffness of the front or of the rear
+        axle, whichever is smaller. If no cornering stiffness is known, the sentence
+        states the longitudinal stiffness. If no stiffness is known, it gives the reason.
+        The cars with a cornering stiffness come first, sorted by the stated stiffness,
+        the smallest first. Cars with only a longitudinal stiffness follow in the same
+        order, and then the cars without a known stiffness."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -135,8 +136,9 @@ class Fleet(Shown):
         return make_figure(page.draw_distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write a copy of the page of `tselab fleet`. Its links to the reports of the
-        logs only work in `folder`."""
+        """Write a copy of the page fleet.html. The page has relative links to the
+        reports of the logs. So the links only work if the copy is in the folder
+        `folder`."""
         shutil.copyfile(self.folder / PAGE, path)
         return Path(path)
 
@@ -192,18 +194,19 @@ def fleet(
         Whether a car without calibrated stiffness is calibrated on its first logs before
         they are estimated.
     reports
-        Whether a page is written for each log.
+        Whether an HTML page is written for each log.
     estimates
         Whether the estimates of every row are kept, in a Parquet file for each log.
     restart
         Whether logs that an earlier call has already estimated are estimated again.
     jobs
-        Number of processes on this machine that run logs. 1: only the calling process.
+        Number of processes on this machine, each of which estimates one log at a time. 1:
+        only the calling process estimates logs.
     isolate
-        Whether logs run in a separate process even if `jobs` is 1. If that process dies,
-        its log gets an error, and the call goes on.
+        Whether logs are estimated in a separate process even if `jobs` is 1. If this
+        process dies, its log gets an error, and the call goes on with the next log.
     scheduler
-        Address of a Dask cluster that runs the logs, such as "tcp://host:8786".
+        Address of a Dask cluster that estimates the logs, such as "tcp://host:8786".
     bar
         Show a progress bar on standard error.
 

@@ -23,8 +23,10 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
     Returns
     -------
     Formula
-        The formula, with the members place, text, gain and numbers. Its method settings()
-        returns the settings that make the filter use the formula.
+        The formula. Its members are place (the quantity of the model to which the formula
+        is added), text (the expression), gain (factor of the expression) and numbers (the
+        named numbers in the expression). Its method settings() returns the settings that
+        make the filter use the formula.
 
     Raises
     ------

@@ -53,14 +53,15 @@ class Gap(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The verdict in sentences, without those about the remaining residuals of the
-        channels. `stages` has sentences about the residuals."""
+        """The verdict in sentences. The sentences about the residuals that remain with
+        the named effects are left out. `stages` has sentences about the residuals."""
         return tuple(line for line in self._result.words if not line.startswith("Still left: "))
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Sentences about the residuals in three stages: car of the vehicle file,
-        calibrated car, calibrated car with the named effects."""
+        """Sentences about the residuals (measured minus simulated channels) of three
+        simulations: with the car of the vehicle file, with the calibrated car, and with
+        the calibrated car and the named effects."""
         return tuple(
             stages.describe_stages(
                 self._result.stages, lambda part: "fitted logs" if part == workflow.FIT else "held-out logs"
@@ -134,6 +135,10 @@ def gap(
     """Compare a simulation with logs, and name the effect that the model lacks, as
     `tselab gap` does.
 
+    The residuals are the measured minus the simulated channels. If the evidence is
+    sufficient that an effect of the catalogue (or several effects) causes them, this
+    effect is named.
+
     Parameters
     ----------
     logs
@@ -142,8 +147,8 @@ def gap(
     vehicle
         A vehicle file, or a mapping with its keys.
     hold_out
-        Logs that are not used for the fit. They show whether the named effect also
-        reduces the residuals of other logs.
+        Logs that are not used for the fit. The residuals of these logs are computed
+        without and with the named effect, as a test whether the effect generalises.
     out
         Folder for the files, created if needed. None: a temporary folder.
     jobs
@@ -188,8 +193,10 @@ class GapCheck:
 
     @property
     def text(self) -> str:
-        """A table of the effects. Below it are the effects that would not be detected,
-        each with the channels in which it would be visible."""
+        """A table with a row for each effect: the smallest size that would be detected in
+        these logs, the typical size, and whether the typical size would be detected.
+        Below the table are the effects for which it would not be, each with the channels
+        that the effect would change."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -217,8 +224,8 @@ def gap_check(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> GapCheck:
-    """Find out which effects would be detected in these logs, without a search for
-    effects, as `tselab gap check` does.
+    """Find out which effects gap() would detect in these logs if the car had them, as
+    `tselab gap check` does. There is no search for effects that the car does have.
 
     Parameters
     ----------
@@ -249,8 +256,8 @@ class GapPlan:
         at most an hour."""
 
     def text(self, rows: int = 6) -> str:
-        """Return a sentence about the best manoeuvre, and a table of the best manoeuvres,
-        at most `rows` of them."""
+        """Return a sentence about the best manoeuvre, i.e. the one that distinguishes the
+        two effects in the shortest time, and a table of the `rows` best manoeuvres."""
         return self._found.text(rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -287,7 +294,8 @@ def gap_plan(
     Returns
     -------
     GapPlan
-        Every candidate manoeuvre with the evidence that it provides.
+        Every candidate manoeuvre with the evidence [nat] that one drive of it gives for
+        the true effect against the other one.
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:

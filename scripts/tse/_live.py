@@ -203,8 +203,10 @@ class Live:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
     def _get_result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
-        """Return estimates, findings, changes and contradictions of the drive. After
-        close(), they are computed only once."""
+        """Return the estimates so far, the findings about each stiffness, the detected
+        changes, and sentences about channels that contradict each other. Before close(),
+        each call computes them from all rows so far. After close(), they are computed
+        only once."""
         if not self._drive.closed:
             return self._drive.result()
         self._ended = self._ended or self._drive.result()
@@ -249,8 +251,9 @@ def live(
         An open bus of python-can, instead of `interface` and `channel`. It
         is shut down at the end.
     signals
-        The file signals.toml. None: the file signals.toml in the folder of the database
-        is used. If there is none, the signals are proposed from the received frames.
+        The file that assigns signals of the bus to channels. None: the file signals.toml
+        in the folder of the database is used. If there is no such file, the signal of
+        each channel is proposed from the received frames.
     out
         An empty or new folder in which the drive is recorded, as by `tselab live`. None:
         the drive is not recorded.

@@ -1,5 +1,5 @@
-"""Read logs of many formats, and propose which signal of a log is which channel:
-read_log(), signals() and their results."""
+"""Read logs of many formats, and propose for each channel (input of the filter) the
+signal of a log that contains it: read_log(), signals() and their results."""
 
 from __future__ import annotations
 
@@ -104,8 +104,9 @@ def read_log(
         rad/s, and its steering ratio converts the angle of the steering wheel
         to that of the road wheels.
     signals
-        The file that assigns signals to channels. None: the file signals.toml next to the
-        log is used. If there is none, the assignment is guessed.
+        The file that assigns signals of the log to channels (inputs of the filter). None:
+        the file signals.toml next to the log is used. If there is no such file, the
+        signal of each channel is proposed as by signals().
     rate
         [Hz] Rate of the rows. None: the rate in `signals` or, if it has none, the rate of
         the log.
@@ -179,7 +180,7 @@ def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
     raise TypeError(f"{type(frame).__name__} cannot be a log; {wanted}")
 
 
-# ---- which signal is which channel
+# ---- proposal of a signal for each channel
 
 
 class Signals(Shown):
@@ -284,8 +285,9 @@ class Signals(Shown):
 def signals(
     log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()
 ) -> Signals:
-    """Propose which signal of a log is which channel, from names, units and physics, as
-    `tselab signals` does.
+    """Propose for each channel (input of the filter) the signal of a log that contains
+    it, as `tselab signals` does. The proposal uses the names and units of the signals,
+    and physical relations between them.
 
     If there is a signals.toml next to the log, the log is read with the options in the
     table [log] of that file.

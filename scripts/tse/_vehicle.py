@@ -46,7 +46,8 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
     -------
     Vehicle
         The car. `values` has all settings by name. `filled` has a sentence for each value
-        that was left out and filled in by a rule. `notes` has further sentences.
+        that was left out, with the value that is used for it and the reason. `notes` has
+        further sentences.
 
     Raises
     ------
@@ -72,7 +73,8 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
 
 def simulated_car() -> dict[str, Any]:
     """Return the car of simulate(), without any uncertainty of its parameters. Use it for
-    simulated logs only.
+    simulated logs only: without this uncertainty, the intervals of a real car are too
+    narrow.
 
         log, truth = tse.simulate("square-waves")
         result = tse.estimate(log, tse.simulated_car())
@@ -104,7 +106,10 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
     path
         The header. An existing file is replaced. The header defines the function
         tse_config_car(&c). Call this function after tse_config_default(&c). The settings
-        in c are then those with which estimate() runs at 100 Hz.
+        in c are then those of estimate() for a log with 100 rows per second, except for
+        noise and biases that the vehicle does not state: estimate() estimates these from
+        the log. If the rows of your program have a different rate, also set
+        c.sample_time.
 
     Returns
     -------

@@ -61,15 +61,16 @@ void loop_received(control_loop *loop, const can_frame *f)
   }
 }
 
-/* Complete a row. A period without frames gives no row. The time of this period is part
- * of the dt of the next row. */
+/* Make a row of the readings that came since the last row. The timer calls this function
+ * at the end of each period of LOOP_MS. If no frame came in a period, there is no row.
+ * The dt of the next row then includes this period. */
 void loop_period(control_loop *loop)
 {
   loop->periods++;
   if (loop->coming.missing == NOTHING) return;
   if (loop->is_ready) {
-    /* the filter has not yet read the last row. Keep these readings for the next row,
-     * whose dt is then longer */
+    /* The filter is still busy with the last row. Keep these readings for the next row,
+     * whose dt then includes this period. */
     loop->overruns++;
     return;
   }

@@ -1,5 +1,5 @@
 """Write the result of a calibration: the vehicle file, a JSON file, and a file with the
-formula if the car has one."""
+formula (an effect that the user added to the model) if the car has one."""
 
 import json
 from collections.abc import Mapping
@@ -32,13 +32,15 @@ from tse.library.files import write_atomically
 from tse.report.results import convert_to_plain
 
 # [1] Max value of the setting roll_steer_sd, the sd of rear_roll_steer_gain, in a
-# calibrated vehicle file. An uncalibrated car has 0.04 (src/tables/uncalibrated.toml).
+# calibrated vehicle file. The calibration does not estimate this sd. It takes the sd from
+# the vehicle file that was read or, if there is none, from an uncalibrated car (0.04,
+# src/tables/uncalibrated.toml). If the sd is larger than this limit, it is set to it.
 MAX_ROLL_STEER_SD = 0.03
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Return the calibrated settings as name -> value, within their limits. Unknowns that
-    the logs do not determine have a value near the mean of their prior."""
+    """Return the calibrated settings as name -> value, within their limits. If the logs
+    do not determine a parameter, its value is near the mean of its prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -65,8 +67,8 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
     """Return the sds of the calibrated car's parameters, as settings of
     src/tables/uncertainty.toml.
 
-    Parameters that cannot be estimated from logs keep the sds of the vehicle file, or get
-    those of a car that has not been calibrated.
+    A parameter that cannot be estimated from logs keeps its sd in the vehicle file. If
+    the file has no sd for it, it gets the sd of an uncalibrated car.
     """
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))

@@ -2,11 +2,13 @@
 result in a cache for later runs.
 
 This is done for cars without a calibration. As after any calibration, the posterior of
-the cornering stiffness becomes the prior of the filter, which then uses the same rows
-again as measurements. This double use has little effect, because the filter's model
-discrepancy gives the rows a low weight. Longitudinal stiffness and model discrepancy are
-not calibrated, but keep the values of the car's class, because a short log contains too
-little information about them.
+the cornering stiffness becomes the prior of the filter. The filter then uses the same
+rows again as measurements. This double use has little effect, because the filter assumes
+a model error, which gives the rows a low weight compared with the prior. A short log
+contains too little information about the longitudinal stiffness and about the sd of the
+model error (model_sd). So the longitudinal stiffness keeps the value of an uncalibrated
+car of the same mass and axle distances (src/tables/uncalibrated.toml). The calibration
+may raise model_sd, but not reduce it below the value of an uncalibrated car.
 """
 
 import copy
@@ -35,8 +37,9 @@ from tse.log.rows import CheckedLog, select_liveliest
 # which the car turns most are used.
 MAX_OWN_SECONDS = 600.0
 MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
-# [s] Logs may be shorter than MIN_OWN_SECONDS by this time, because the burn-in at the
-# start of a log and one row are not compared with a simulation.
+# [s] The logs, and the part of them that is compared with a simulation, may be shorter
+# than MIN_OWN_SECONDS by this time. Otherwise a log of just MIN_OWN_SECONDS would be too
+# short: n rows last only n - 1 steps, and BURN_IN (1 s) at its start is not compared.
 END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
@@ -64,7 +67,7 @@ class OwnCalibration:
 
     text: str  # content of the calibrated vehicle file; empty if the calibration is not used
     words: list[str]  # lines for the user
-    found: dict[str, Any]  # the result for programs (_collect_findings())
+    found: dict[str, Any]  # the result as a dict (_collect_findings())
 
     def apply_to(self, before: Vehicle) -> Vehicle:
         """Return the calibrated car, with name, facts, notes and formula of the car
@@ -188,8 +191,7 @@ def _calibrate_car(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]
 ) -> OwnCalibration:
     """Calibrate on the logs, and check the result with the filter on the same rows. If a
-    check fails, the calibration is not used, and the result of keep_class() is
-    returned."""
+    check fails, return keep_class(reason): the car then stays uncalibrated."""
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
@@ -253,16 +255,19 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
 
 
 def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
-    """Return a result for the case that the calibration is not used and the car is taken
-    as an ordinary one of its class. `why` is the reason. `found` is the result of
-    _collect_findings(); None: the calibration ended before it had a result."""
+    """Return a result for the case that the calibration is not used. The car then keeps
+    the parameters and sds of an ordinary car of the same mass and axle distances (its
+    class, src/tables/uncalibrated.toml).
+
+    `why` is the reason. `found` is the result of _collect_findings(); None: the
+    calibration ended before it had a result."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
     return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 
 
 def _collect_findings(result: Any) -> dict[str, Any]:
-    """Return the result for programs: stiffness, latencies, and the names of numbers that
-    the logs do not determine."""
+    """Return the result as a dict that can be written as JSON: stiffness, latencies, and
+    the names of the parameters that the logs do not determine."""
     from tse.calibration import output
 
     sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))

@@ -73,8 +73,8 @@ class NumberFinding:
     # True if the logs determine the number: posterior sd < MAX_SHOWN_RATIO * prior sd
     shown: bool
     words: str  # line for the user
-    # True for a shape of an effect, such as a time constant, which has no influence if
-    # the size of the effect is 0
+    # True for a parameter that gives the shape of an effect, such as a time constant. It
+    # has no influence if the size of the effect is 0.
     shape: bool = False
 
     def as_json(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class NumberFinding:
 
 def describe_misstated(found: Sequence[NumberFinding]) -> str:
     """Return a sentence about the first number of the vehicle file that the logs
-    contradict (MAX_STATED_SD); an empty string if they contradict none."""
+    contradict (MAX_STATED_SD); an empty string if there is no such number."""
     for f in found:
         if f.name not in STATED or f.prior_sd <= 0:
             continue
@@ -106,8 +106,8 @@ class FindingGroup:
 
 
 def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float]) -> list[NumberFinding]:
-    """Return a finding for each unknown except the stiffness. `before` has the values of
-    the vehicle file."""
+    """Return a NumberFinding for each parameter that was fitted, except the stiffnesses.
+    `before` has the values of the vehicle file."""
     known, found = np.sqrt(np.diag(fit.covariance)), fit.x
     times = compute_rear_factor(problem, fit)
     rows = []
@@ -132,8 +132,8 @@ def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float])
 def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
     """Return the factor of the rear longitudinal stiffness: fitted value / vehicle file.
 
-    In the fit, the rear longitudinal stiffness follows the front one, to the degree of
-    the setting rear_longitudinal_follows_front (0 .. 1)."""
+    The rear longitudinal stiffness is not fitted on its own. Its relative change is that
+    of the front one, times the setting rear_longitudinal_follows_front (0 .. 1)."""
     follows = problem.config.rear_longitudinal_follows_front
     return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 
@@ -189,8 +189,8 @@ def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFindin
 
 
 def list_stated(config: Config) -> dict[str, float]:
-    """Return name of an unknown -> value of the setting with this name; 0 if there is no
-    such setting."""
+    """Return a dict. Key: name of each parameter that a calibration fits. Value: the
+    value of the setting with this name; 0 if there is no such setting."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 
@@ -219,8 +219,8 @@ class ProofChannel:
 class Proof:
     """Misfit of a log with the car of the vehicle file and with the calibrated car.
 
-    A fitted log is simulated on its fitted road. For a held-out log, only biases and the
-    superelevation of the road are fitted.
+    A log that was used for the fit is simulated on the road that was fitted to it. To a
+    held-out log, only biases and the superelevation of its road are fitted.
     """
 
     log: str
@@ -270,7 +270,7 @@ class CalibrationResult:
     @property
     def misstated(self) -> str:
         """A sentence about a number of the vehicle file that the logs contradict; an
-        empty string if they contradict none."""
+        empty string if there is no such number."""
         return describe_misstated(self.findings)
 
 
