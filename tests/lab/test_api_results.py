@@ -332,7 +332,7 @@ def test_a_setting_of_the_other_filter_is_refused(folder):
         lambda: tse.estimate(folder / "log.csv", CAR, settings={"particles": 200}, calibrate=False),
         lambda: tse.Filter(CAR, form="robust", settings={"noise_max": 2}),
     ):
-        with pytest.raises(tse.SettingError, match="has no effect with this form: it belongs to form"):
+        with pytest.raises(tse.SettingError, match="has no effect with this form of the filter"):
             run()
     tse.Filter(CAR, form="robust", settings={"particles": 200})
     tse.Filter(settings=tse.Filter(CAR).settings)

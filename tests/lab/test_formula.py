@@ -237,7 +237,7 @@ REFUSED = {
     "high power": ("9**99999999", "not an integer exponent"),
     "too long text": ("slip_front+" * 40, "has 440 characters, 400 are allowed"),
     "huge text": ("(" * 1_000_000, "has 1000000 characters"),
-    "brackets": ("(" * 21 + "1" + ")" * 21, "column 21: is nested deeper than the 20 levels"),
+    "brackets": ("(" * 21 + "1" + ")" * 21, "column 21: brackets nest deeper than the 20 levels"),
     "minuses": ("-" * 399 + "1", "nested deeper than the 20 levels"),
     "open": ("(1", "never closed"),
     "34 operations": ("+".join([LONG] * 8) + "+-1", "exceeds the 33 operations"),

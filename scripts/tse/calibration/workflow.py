@@ -33,15 +33,15 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-# [s] Min sd of the steering lag. Logs cannot determine the lag more accurately, because
-# an error in the modelled tyre relaxation, or in another modelled lag, changes the
-# channels like an error in the steering lag.
+# [s] Min sd of the calibrated steering delay (setting steer_lag_sd). Logs cannot
+# determine the delay more accurately, because an error in the modelled tyre relaxation,
+# or in another modelled lag, changes the channels like an error in the steering delay.
 MIN_LAG_SD = 0.003
-# [rad/s/sqrt(s)] Max sd of the random walk of a gyro bias. Larger values come from model
-# errors in turns, not from the gyro.
+# [rad/s/sqrt(s)] Max sd of the random walk of the gyro bias. If the residuals give a
+# larger value, model errors in turns cause it, not the gyro.
 MAX_GYRO_WALK = 0.001
-# Min number of steps between the sorted distinct values of a channel, i.e. number of
-# distinct values minus 1. With fewer steps, no quantisation step is estimated.
+# Min number of distinct values of a channel, minus 1. A channel with fewer distinct
+# values is treated as not quantised.
 MIN_STEPS = 10
 
 
@@ -120,7 +120,7 @@ def calibrate_logs(
     problem = _make_problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < min_seconds:
         raise UserError(
-            f"{seconds:.0f} s of it can be compared with a simulation, {min_seconds:.0f} s are needed"
+            f"{seconds:.0f} s of the logs can be compared with a simulation, {min_seconds:.0f} s are needed"
         )
     result = apply_slip_regression(problem, fit(problem, say=say), logs, vehicle)
     return _make_result(vehicle, problem, result, logs, [], notes)
@@ -129,8 +129,8 @@ def calibrate_logs(
 def _make_problem(
     logs: Sequence[CheckedLog], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
 ) -> CarProblem:
-    """Prepare the logs and build the problem that is fitted. If a log cannot be used, the
-    reason is added to `notes`."""
+    """Prepare the logs and build the problem for fit(): residuals and unknowns. If a log
+    cannot be used, the reason is added to `notes`."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config.exact(vehicle.values)
@@ -159,8 +159,9 @@ def _make_result(
     proofs: list[Proof],
     notes: list[str],
 ) -> CalibrationResult:
-    """Return the result of a calibration: the fit, the findings, the sensor settings, and
-    proposals for the next drive or measurement."""
+    """Return the result of a calibration. It consists of the fit, the value of each
+    number of the car before and after the fit, the sensor settings, the quantisation
+    steps of the channels, and proposals for the next drive or measurement."""
     if vehicle.formula is not None:
         notes.append(
             f"the formula {vehicle.formula.id} of the vehicle file was simulated unchanged, and is kept"
@@ -208,8 +209,10 @@ def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
 
 
 def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[PreparedLog]) -> list[Proof]:
-    """Return the misfit of each held-out log before and after the calibration. In these
-    logs, only biases and superelevation are fitted."""
+    """Return the misfit of each held-out log with the car of the vehicle file (before)
+    and with the calibrated car (after). With the calibrated car, only the biases and the
+    superelevation of the road are fitted to each held-out log. With the car of the
+    vehicle file, nothing is fitted."""
     car = make_known_car(problem, problem.to_search(result.x))
     other = CarProblem(logs, car, problem.prior.select(()), problem.jobs, road=False)
     filed = CarProblem(logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
@@ -218,9 +221,11 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
-    """Return the problem with the car of the vehicle file on level roads, and the values
-    of the unknowns of this problem. The superelevation of each road is that of the
-    vehicle file."""
+    """Return the problem with the car of the vehicle file, and values of its unknowns.
+
+    No bank and grade are fitted. The lean of each road (superelevation) is the value in
+    the vehicle file, and all other unknowns have their prior means.
+    """
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
@@ -232,15 +237,17 @@ def _measure_residuals(
     problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None
 ) -> dict[tuple[int, str], float]:
     """Return (index of the log, channel) -> sd of measured minus simulated, in the unit
-    of the channel. `x` and `z` are the unknowns of car and road."""
+    of the channel. `x`: values of the unknowns of the car. `z`: fitted bank and grade
+    [rad] at the knots of the road; None: 0."""
     z = np.zeros(problem.knots) if z is None else z
     sensed = problem.compute_sensed_residuals(x, z)
     return {g: float(np.std(e)) for g, e in zip(problem.groups, sensed, strict=True)}
 
 
 def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
-    """Return the misfit of the log with index i. `before` and `after` are results of
-    _measure_residuals()."""
+    """Return the misfit of the log with index i. `before` and `after` are the results of
+    _measure_residuals() with the car of the vehicle file and with the calibrated car.
+    `held_out`: True if the log was not fitted."""
     log = problem.logs[i]
     channels = {}
     for g, (k, c) in enumerate(problem.groups):
@@ -256,10 +263,12 @@ def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after
 
 
 def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[CheckedLog]) -> dict[str, float]:
-    """Return the sensor settings: white noise of a row, random walk of the biases, noise
-    of the wheel speeds, sd of the steering lag.
+    """Return the sensor settings: sd of the white noise of a row, random walk of the
+    biases, noise of the wheel speeds, sd of the steering delay.
 
-    The random walks are estimated from the residuals on level roads.
+    The random walks are estimated from the residuals of the fitted car with bank and
+    grade set to 0. Fitted bank and grade would explain a part of the slow residuals, so
+    the walks would be estimated too small.
     """
     found = measure_row_noise(logs, problem.config)
     for c, left in problem.measure_lasting(result.level).items():
@@ -267,8 +276,9 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
         walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)
         found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
-    # The filter needs the prior sd of the total lag of the steering, which is
-    # steering_lag_time - steer_angle_latency.
+    # The filter needs the prior sd of the total delay from the logged steering angle to
+    # the wheels. The delay is steering_lag_time - steer_angle_latency, since a negative
+    # latency means that the angle is logged before the wheels turn.
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign
@@ -278,8 +288,8 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
 
 
 def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
-    """Return for each channel the sd of the white noise of a single row, as settings. If
-    there are several logs, the largest sd is returned."""
+    """Return the settings <channel>_sd: sd of the white noise of a single row, for each
+    channel. If there are several logs, it is the largest of their sds."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):

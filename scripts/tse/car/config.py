@@ -38,12 +38,14 @@ FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
-    """Read the settings in a FILTER.toml, at its top or in the table [filter].
+    """Read the file of the option --config, which contains settings of the filter. They
+    are keys at the top of the file, or keys of its table [filter].
 
     Raises
     ------
     UserError
-        A key appears twice, there is no such setting, or a value is outside its range.
+        A key appears both at the top and in [filter], there is no setting with the name
+        of a key, or a value is outside its range.
     """
     data = read_toml(path)
     nested = data.pop("filter", {})
@@ -87,12 +89,13 @@ def make_config(
         Further settings from command-line options: name -> value. Value None: the option
         is not given.
     form : str
-        default, paper or robust.
+        Filter and its settings. "default": the Kalman filter. "paper": the particle
+        filter of the paper. "robust": the same particle filter with robust settings.
 
     Raises
     ------
     UserError
-        A setting is outside its range. Or the log has an optional channel that this form
+        A setting is outside its range. Or the log has an optional channel that the filter
         does not use. Or `options` or `filter_file` has a setting for an optional
         channel that the log does not have.
     """
@@ -135,10 +138,10 @@ def filter_of(config: Config) -> str:
 def is_used(name: str, config: Config) -> bool:
     """Return whether the filter that `config` selects uses the setting `name`.
 
-    A setting is not used if it belongs only to the filter that is not selected. A
-    replaced setting is not used either: if `replaced_by` of the setting `name` is the
-    name of a second setting, and this second setting is not 0, the second setting is used
-    instead."""
+    There are two reasons why a setting is not used. It belongs only to the filter that is
+    not selected. Or a second setting replaces it: the field `replaced_by` of the setting
+    (src/tables) names this second setting, and the value of the second setting is not 0.
+    """
     use = library().settings[name]
     replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
     return use.filter in ("both", filter_of(config)) and not replaced
@@ -168,14 +171,15 @@ def check_effect(names: Collection[str], config: Config) -> None:
         use = library().settings[name]
         if name in names and use.table in TUNING and use.filter not in ("both", filter_of(config)):
             raise SettingError(
-                f"{name} has no effect with this form: it belongs to {FORM_PHRASES[use.filter]}"
+                f"{name} has no effect with this form of the filter: it needs {FORM_PHRASES[use.filter]}"
             )
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return a dict. Key: names of a group of optional channels. Value: their settings.
+    """Return a dict. Key: names of optional channels of the same kind, e.g. of a velocity
+    sensor. Value: names of the settings that only matter for these channels.
 
-    The settings are rows of src/tables/sensors.toml.
+    The settings are described in src/tables/sensors.toml.
     """
     tables = {VELOCITY_COLUMNS: "velocity", TORQUE_COLUMNS: "pedals", ROAD_COLUMNS: "road"}
     return {channels: list(library().settings_in(table)) for channels, table in tables.items()}
@@ -193,8 +197,8 @@ def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[st
         return
     if log.optional and config.form != 0:
         raise UserError(
-            f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; "
-            "leave out the column, or the option for the form"
+            f"{log.path}: column {', '.join(log.optional)}: only the default filter uses such columns; "
+            "leave them out, or select the default filter (form default)"
         )
     for channels, settings in optional_settings().items():
         given = [
@@ -203,7 +207,8 @@ def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[st
         if given and not any(c in log.optional for c in channels):
             known = ", ".join(channels)
             raise UserError(
-                f"{log.path}: {', '.join(given)} has no effect: the log has none of {known}; leave it out"
+                f"{log.path}: {', '.join(given)} has no effect: the log has none of {known}; "
+                "leave out the setting"
             )
 
 
@@ -293,8 +298,9 @@ def filter_text(config: Config) -> str:
 def c_settings(vehicle: Vehicle) -> str:
     """Return the settings of a vehicle file as a C99 header with one function.
 
-    It can be compiled for any number format of the library. Settings that the file leaves
-    out have the values of the car's class.
+    The header can be compiled for any number format of the library. Settings that the
+    file leaves out have the values of an ordinary car with the same mass, lf and lr
+    (src/tables/uncalibrated.toml).
     """
     config, _ = make_config(vehicle, None)
     stated = {*vehicle.values, *config.changed()}

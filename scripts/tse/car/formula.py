@@ -30,8 +30,9 @@ from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
 MAX_FORMULA_VALUE = 1e6  # a result of this magnitude or more, or NaN, is replaced by 0
-# number of operations that one setting formula_code_<k> holds. Each operation is a byte,
-# and the first operation is the lowest byte.
+# Number of operations of the program that one setting formula_code_<k> holds. Each
+# operation is a byte, and the first operation is the lowest byte. The setting is an
+# int32_t, which four bytes could make negative.
 PER_CODE = 3
 # Limits of the expression. They protect Python's parser and the recursion in _Compiler.
 MAX_TEXT = 400  # [characters] max length
@@ -53,9 +54,11 @@ WRITTEN_AS = {
     "one": "1",
     "two": "2",
 }
-# Operation -> units of its second and further operands. "x" in a unit stands for the unit
-# of the first operand. The dict has only operations whose result has the unit of the
-# first operand (unit = "first" in src/tables/formula.toml).
+# Operation -> units of its second and further operands, in this order. The first operand
+# may have any unit, and the result has the same unit (unit = "first" in
+# src/tables/formula.toml). In the units of the other operands, "x" stands for the unit of
+# the first operand: the second operand of limit(angle, rate) is in rad/s if angle is in
+# rad.
 OPERANDS = {"lag": ("s",), "second": ("1/s", "1"), "late": ("s",), "play": ("x",), "limit": ("x/s",)}
 UNIT = re.compile(r"((1|[A-Za-z]+[1-9]?( [A-Za-z]+[1-9]?)*)(/[A-Za-z]+[1-9]?)*)?")
 FORMULA_KEYS = ("id", "title", "place", "formula", "gain", "numbers", "found")
@@ -64,7 +67,8 @@ UNIT_STYLE = 'units are written as in rad, m/s2, rad s2/m, kg m2, 1/s, Hz; "1" i
 
 
 class FormulaError(UserError):
-    """A formula is invalid. The message states the key, the error and the allowed values.
+    """A formula is invalid. The message states the key of the formula file that is wrong,
+    the error and the allowed values.
 
     parse() and read_formula() put the name of the file before the message.
     """
@@ -92,8 +96,11 @@ class Formula:
 
     Attributes
     ----------
-    id, title, place
-        Name, heading, and place in the model (table [place] of src/tables/formula.toml).
+    id, title
+        Name and heading.
+    place
+        Name of the quantity of the model to which the value of the formula is added, e.g.
+        front_angle, the front slip angle (table [place] of src/tables/formula.toml).
     text
         Expression as the user wrote it.
     numbers
@@ -224,7 +231,8 @@ class Formula:
 
         Returns
         -------
-        (rows,) gain x value of the expression: what is added to the place, in its unit.
+        (rows,) gain x value of the expression. This is added to the quantity of the model
+        that `place` names, and has its unit.
 
         Raises
         ------
@@ -235,8 +243,8 @@ class Formula:
 
         Notes
         -----
-        Tests compare the library with this implementation. Operations with memory start
-        at rest at the first row.
+        Tests compare the library with this implementation. Operations with memory, e.g.
+        lag, start as if their input had been constant before the first row.
         """
         rows = max([np.size(dt), *(np.size(values) for values in signals.values())])
         h = np.broadcast_to(np.asarray(dt, float), (rows,)).copy()
@@ -410,7 +418,8 @@ class _Program:
 def _compile_program(text: str, place_unit: str, numbers: tuple[tuple[str, str], ...]) -> _Program:
     """Compile an expression to a program, and check its dimensions.
 
-    `place_unit`: unit of the place. `numbers`: (name, unit) of each number.
+    `place_unit`: unit of the quantity to which the value of the expression is added; the
+    expression must have the same dimension. `numbers`: (name, unit) of each number.
 
     Raises
     ------
@@ -457,7 +466,7 @@ def _parse_text(text: str) -> ast.expr:
         depth += (c == "(") - (c == ")")
         if depth > MAX_NESTING:
             raise FormulaError(
-                f"key formula: column {i + 1}: is nested deeper than the {MAX_NESTING} levels allowed"
+                f"key formula: column {i + 1}: brackets nest deeper than the {MAX_NESTING} levels allowed"
             )
     try:
         with warnings.catch_warnings():
@@ -494,10 +503,11 @@ class _Compiler:
         )
 
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
-        """Append an operation that takes `takes` operands, and check the limits.
+        """Append an operation that takes `takes` operands, and check that the program is
+        within its limits: operations, values on the stack, operations with memory.
 
-        The limits are checked after each operation, since nested powers could otherwise
-        make a huge program before they are checked."""
+        The limits are checked after each operation and not only at the end, since nested
+        powers could make a huge program until then."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -655,7 +665,10 @@ def _parse_dimension(unit: str) -> Any:
         The unit is unknown, or is not a coherent SI unit.
     """
     if len(unit) > MAX_UNIT or not UNIT.fullmatch(unit):
-        raise FormulaError(f"{unit[:MAX_UNIT]!r} is not a unit; {UNIT_STYLE}; one name follows each /")
+        raise FormulaError(
+            f"{unit[:MAX_UNIT]!r} is not a unit; {UNIT_STYLE}; "
+            "one name follows each /, as in kg/m/s2 (not kg/m s2)"
+        )
     expression = re.sub(r"(?<=[A-Za-z])(?=[1-9])", "**", unit or "1").replace(" ", "*")
     try:
         quantity = (1.0 * load_units().parse_expression(expression)) * load_units().dimensionless

@@ -23,8 +23,8 @@ from tse.log.rows import MEASURES, CheckedLog
 GRAVITY = 9.81  # [m/s2] the same value as in the library
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # [m] max difference of wheelbase and lf + lr
-# [kg/m2] plausible range of mass / wheelbase^2. It is about 100 in small cars, and 380 in
-# vans. A mass in pounds instead of kg increases it by the factor 2.2.
+# [kg/m2] Plausible range of mass / wheelbase^2. The ratio is about 100 in small cars, and
+# 380 in vans. A mass in pounds instead of kg increases the ratio by the factor 2.2.
 MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
 # Keys whose values a calibration takes as known. If one of them is changed afterwards,
 # the calibration is no longer valid.
@@ -49,20 +49,22 @@ FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
 # [1] An unknown table is refused as misspelt if its name is at least this similar to a
-# name in VEHICLE_TABLES (ratio of difflib: 1 is equal).
+# name in VEHICLE_TABLES (ratio of difflib: 1 is equal). Otherwise, it is accepted with a
+# note that it is not used, since it may be meant for a different program.
 MIN_TABLE_LIKENESS = 0.75
 MAX_UNKNOWN_KEYS = 3  # max number of unknown keys that one message lists
 # keys with a stiffness that the author of the file guessed: not used, but there is a note
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# Lower limits of the uncertainty that a calibrated file gives the prior of the filter.
-# Without these limits, the prior would be too certain, since the covariance of the
-# calibration does not include that tyres and steering differ from the model.
+# The posterior of a calibration is the prior of the filter. The following values limit
+# this prior. Without lower limits, its sds would be too small, since the covariance of
+# the calibration does not include the errors of the model of tyres and steering.
 MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
 MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction, i.e. friction of at most 5
 CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd
-# Settings that a calibration computes from its residuals and writes to the vehicle file.
-# The filter does not use them: it estimates the noise of these sensors while driving.
+# Settings of the sensor noise and of the bias walks that a calibration computes from the
+# logs and writes to the vehicle file. The filter does not use these values: it estimates
+# the noise of the sensors while driving.
 FOUND_SENSORS = (
     "accel_x_sd",
     "accel_y_sd",
@@ -96,7 +98,7 @@ class Vehicle:
     # Table [calibration], as written by `tselab calibrate`; {} if the file has no such
     # table. Keys: "names", "mean" and "covariance" of the fitted unknowns. "of": values
     # of CALIBRATED_FACTS when the car was calibrated. "own": True if the car was
-    # calibrated with the log that is estimated.
+    # calibrated on the same logs in which the stiffness is then estimated.
     calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -126,7 +128,8 @@ def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]
     """Return settings of an ordinary car: name -> value.
 
     `mass`: [kg]. `lf`, `lr`: [m] distance of the front and rear axle from the centre of
-    gravity. Settings that are the same for an exactly known car are left out."""
+    gravity. A setting is left out if it has the same value in Config.exact(), i.e. in the
+    settings of an exactly known car with this mass, lf and lr."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -137,12 +140,15 @@ def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]
 def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
     """Return the settings of the car for the default filter.
 
-    If the car is not calibrated, settings that the vehicle file leaves out are those of
-    an ordinary car of its class (src/tables/uncalibrated.toml), as in C and the FMU. If
-    the car is calibrated, the posterior of the calibration is the prior of the filter. If
-    all of [uncertainty] is 0, the car is known exactly. Settings of the vehicle file take
-    precedence, with two exceptions for a calibrated car: settings that the calibration
-    determines, and FOUND_SENSORS, which are not used.
+    There are three cases. If all keys of [uncertainty] are 0, the car is taken as exactly
+    known: settings that the vehicle file leaves out are those of Config.exact(). If the
+    car is not calibrated, they are those of an ordinary car with the same mass, lf and lr
+    (src/tables/uncalibrated.toml), as in C and the FMU. If the car is calibrated, the
+    posterior of the calibration is the prior of the filter.
+
+    Settings of the vehicle file take precedence over all these values. There are two
+    exceptions, both for a calibrated car: the settings of the prior, and FOUND_SENSORS,
+    which the filter does not take from a calibrated file.
     """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -181,10 +187,11 @@ def get_ordinary_car(config: Config) -> dict[str, float]:
 
 
 def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
-    """Return grip and shape of the tyre curve.
+    """Return the grip, i.e. the friction coefficient, and the shape of the tyre curve.
 
-    `ordinary`: settings of an ordinary car. `inverse`: fitted 1/friction. If it is 0, it
-    was not fitted, and grip and shape of `ordinary` are returned. `shape`: fitted shape.
+    `ordinary`: settings of an ordinary car. `inverse`: fitted 1/friction; 0: friction was
+    not fitted, and the function returns grip and shape of `ordinary`. `shape`: shape that
+    is returned if friction was fitted.
     """
     if not inverse:
         return ordinary["grip"], ordinary[SHAPE]
@@ -332,7 +339,7 @@ def _read_tables(
     """Add settings of the tables to `values`, and messages on wrong keys to `unknown`.
 
     `tables`: name of the table -> contents. The name "" means the top of the file.
-    `check`: a Config in which each value is also set, which checks its range.
+    `check`: a Config. Each value is set in it only to check the range of the value.
 
     Returns
     -------
@@ -499,7 +506,8 @@ def format_calibration_table(
     names, mean, covariance
         Posterior of the unknowns of the fit.
     own
-        True: the car was calibrated on the logs that are estimated.
+        True: the car was calibrated on the same logs in which the stiffness is then
+        estimated, so the table is valid for these logs only.
     of
         Settings of the car: name -> value. Those in CALIBRATED_FACTS are written to the
         table. None: no setting is written.
@@ -508,7 +516,9 @@ def format_calibration_table(
     if of:
         lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_FACTS)} }}")
     if own:
-        lines.append("own = true  # calibrated on the logs that are estimated: valid for no other log")
+        lines.append(
+            "own = true  # calibrated on the logs in which the stiffness is estimated: not valid for others"
+        )
     lines += [f"names = {json.dumps(list(names))}", f"mean = {_format_numbers(mean)}", "covariance = ["]
     return [*lines, *(f"  {_format_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
 

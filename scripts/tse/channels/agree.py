@@ -25,11 +25,11 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# [1] sd of the logarithm of each ratio of measured to expected values, in logs with
-# correct units. The ratios differ from 1 for these reasons. accel_y: body roll and bank
-# of the road (ratios of 0.91 .. 1.10 for the cars of tests/cars and the real logs).
-# accel_x: pitch and grade. steer_angle: steering compliance and an inexact steering
-# ratio.
+# [1] sd of ln(measured / expected) in logs with correct units. Keys: the ratios of
+# FIGURES, with "track" for track_front and track_rear if the vehicle file states the
+# track. Reasons why the ratios are not exactly 1: accel_y: body roll and bank of the
+# road (ratios of 0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x:
+# pitch and grade. steer_angle: steering compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 # [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
 # not state the track.
@@ -47,30 +47,36 @@ SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
 # move, and no ratio could be computed. Such a unit would otherwise have the lowest cost.
 LOST_FIGURE_PRICE = 30.0
 # [1] A ratio is used only if the correlation of measured and expected values exceeds this
-# limit. steer_angle: only if the fit explains more than this share of its variance.
+# limit. steer_angle: only if the curvature of the path (yaw rate / speed), with a term
+# for understeer, explains more than this share of the variance of the steering angle.
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
-# [1] If the correlation of a ratio exceeds MIN_FIT with one assumed unit of the speed, a
-# lower limit applies to this ratio with all other units: MIN_FIT - FIT_SLACK. Otherwise,
-# two units could be compared by different sets of ratios. This has caused a false report
-# in a real log. With the correct unit, the correlation of accel_y was 0.898, so this
-# ratio was not used. With km/h, which gives 0.85 times the speed, it was 0.913, so the
-# ratio was used, and km/h was reported.
+# [1] If the correlation of a ratio exceeds MIN_FIT with at least one assumed unit of the
+# wheel speeds, a lower limit applies to this ratio with all other units: MIN_FIT -
+# FIT_SLACK. With only one limit, the ratio could be used with one unit and not with
+# another, and the costs of the two units would be sums over different ratios. This has
+# caused a false report in a real log with wheel speeds in rad/s. With rad/s, the
+# correlation of accel_y was 0.898, so its ratio was not used. With km/h, the speed of the
+# car was 0.85 times as high and the correlation 0.913. The ratio was thus used, and km/h
+# was reported.
 FIT_SLACK = 0.05
-# [1] cost of correcting one channel by an arbitrary factor: CAUSE_PRICE, plus the cost of
-# choosing the factor from 1/20 .. 20 with the accuracy of FIGURE_SD. A wrong unit is
-# reported only if its total cost is below the total cost of the best arbitrary factor.
+# [1] Cost of correcting one channel by an arbitrary factor, which can be any number from
+# 1/20 to 20. A fitted factor makes the ratios nearer to 1 even by chance. It therefore
+# costs more than a given one: CAUSE_PRICE, plus about 6 for a free parameter with this
+# range and an accuracy of FIGURE_SD. A wrong unit is reported only if its total cost is
+# below the total cost of the best arbitrary factor.
 FREE_FACTOR_PRICE = 12.0
 # [1] A cause explains a wrong ratio if |ln ratio| is below this after the correction.
 EXPLAINED = 0.10
 # [1] If |ln ratio| exceeds this, there is a warning even if no cause explains the ratio.
 MAX_UNEXPLAINED = 0.35
-# [1] The ratio of the steering angle is also wrong if the car is always braked in bends,
-# since it may then oversteer: |ln ratio| was 0.48 for a neutral van. If |ln ratio| is
-# below this limit, the warning names braking in bends as a possible cause.
+# [1] A wrong unit is not the only reason for a wrong ratio of the steering angle. A car
+# that is always braked in bends may oversteer, which changes the ratio, too: |ln ratio|
+# was 0.48 for a neutral van. If |ln ratio| is below this limit, the warning names braking
+# in bends as a possible cause.
 MAX_HANDLING = 1.0
 STANDARD_GRAVITY = 9.80665  # m/s2
-# A warning contains this word if its cause is not certain, e.g. if a ratio is still wrong
-# after correction by the cause.
+# A warning contains this word if the mistake that it names is not certain, e.g. if a
+# ratio is still wrong after correction of this mistake.
 PERHAPS = "perhaps "
 USUAL_STEERING_RATIO = 15.0  # [1] used if the vehicle file states no steering ratio
 
@@ -121,8 +127,9 @@ MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
 CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or of the course are compared
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
-# [1] max ratio of the force of the wheel torques to mass x accel_x. The min ratio is 1 /
-# MAX_FORCE_RATIO if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
+# [1] There is a warning if the ratio of the force of the wheel torques to mass x accel_x
+# exceeds this limit, or is below a second limit. The second limit is 1 / MAX_FORCE_RATIO
+# if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
 MAX_FORCE_RATIO = 1.6
 # [1] min correlation of accel_x with the force of the wheel torques, for a warning
 MIN_TORQUE_CORR = 0.7
@@ -132,23 +139,26 @@ MIN_AXLE_SHARE = 0.25
 # of both accelerometers exceed this, the sine of 12 degrees. In correct logs, at most one
 # of the two sensitivities deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
-# If the two wheels of one side of the car are logged as an axle, the logged front minus
-# rear wheel speed is proportional to the yaw rate. SIDE_LEVER: [m] allowed range of the
-# magnitude of this factor, which is then the track of the car. MIN_SIDE_SHARE: [1] min
-# share of the variance of the difference that the yaw rate must explain. The variance
-# that slip explains is not counted.
+# If a log has the wheels of the left side of the car in the channel of one axle, and
+# those of the right side in the channel of the other axle, the difference of front and
+# rear wheel speed is plus or minus the track times the yaw rate. There is a warning if a
+# fit finds such a factor. SIDE_LEVER: [m] range of its magnitude, i.e. of a track.
+# MIN_SIDE_SHARE: [1] min share of the variance of the difference that the yaw rate
+# explains. The part of the variance that slip explains is subtracted first.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-# [s] max magnitude of the delay of accel_y behind the yaw rate. In logs with a correctly
-# placed IMU, this delay is -0.06 .. 0.1.
+# [s] max magnitude of the delay of the measured accel_y behind the accel_y that follows
+# from speed and yaw rate. There is a warning if the delay is larger by more than 3 sd. In
+# logs with a correctly placed IMU, it is -0.06 .. 0.1. Body roll causes a part of it.
 MAX_LATE_ACROSS = 0.1
 # [rows] interval over which accel_x is integrated, to check the times of a log whose rows
 # are further apart than 1 / COMPARISON_RATE
 SLOW_ROWS = 20
-# [1] max ratio of the integral of accel_x over SLOW_ROWS rows to the change of speed in
-# these rows. Min ratio: 1 / MAX_TIME_RATIO
+# [1] There is a warning if the ratio of the integral of accel_x over SLOW_ROWS rows to
+# the change of speed in these rows is not within 1 / MAX_TIME_RATIO .. MAX_TIME_RATIO.
 MAX_TIME_RATIO = 3.0
-# [1] If a larger share than this of the pieces of a log contradicts a mistake that was
-# found in the whole log, the mistake is not reported.
+# [1] A mistake that was found in the whole log is tested in each piece of the log. If its
+# correction makes the ratios worse in a larger share of the pieces than this, the mistake
+# is not reported.
 MAX_ODD_SHARE = 0.2
 # [s] length of the pieces into which a log is divided, to test whether a mistake affects
 # all of it. A piece must be long enough to contain bends and changes of speed.
@@ -173,7 +183,8 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]  # [1] name -> sd of the logarithm of the ratio
-    # names of the ratios whose correlation exceeds MIN_FIT, without FIT_SLACK
+    # names of the ratios, except those whose correlation exceeds only the lower limit
+    # MIN_FIT - FIT_SLACK and not MIN_FIT
     sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:
@@ -182,7 +193,8 @@ class Figures:
 
 
 def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
-    """Read logs and return those whose channels agree: only these may calibrate a car.
+    """Read logs and return those whose channels agree. Only these logs may be used to
+    calibrate a car.
 
     Parameters
     ----------
@@ -235,12 +247,13 @@ def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
 
 
 def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
-    """Return a warning if accel_y is delayed against the yaw rate or leads it; [] if not.
+    """Return a warning if accel_y is too late or too early for the yaw rate; [] if not.
 
-    The expected accel_y is v r plus the derivative of the lateral velocity, delayed by
-    the latency in the vehicle file. The measured accel_y is compared with it. Body roll
-    causes a further delay of up to MAX_LATE_ACROSS. There is a warning if the magnitude
-    of the delay exceeds MAX_LATE_ACROSS by more than 3 sd."""
+    The expected accel_y is v r plus the derivative of the lateral velocity, both computed
+    from speed and yaw rate. The delay of the measured behind the expected accel_y is
+    estimated, and the latency of accel_y in the vehicle file is subtracted from this
+    delay. The rest may be up to MAX_LATE_ACROSS, because of body roll. There is a warning
+    if the magnitude of the rest exceeds MAX_LATE_ACROSS by more than 3 sd."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -342,8 +355,8 @@ def check_units(
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            # The mistake explains only a part of the log, e.g. a slide. A wrong unit
-            # would affect all of it.
+            # The mistake explains only a part of the log, in which the car e.g. slides. A
+            # wrong unit would affect all of the log.
             return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
@@ -363,7 +376,8 @@ def _holds_throughout(
     radii: tuple[float, float],
     causes: tuple[Cause, ...],
 ) -> bool:
-    """Return whether correcting the causes lowers the cost in nearly all of the log.
+    """Return whether correcting the assumed mistakes `causes` lowers the cost in nearly
+    all of the log.
 
     The log is divided into pieces of COMPARED_PIECE_TIME, since a wrong unit or sign
     affects all of it. A slide or ice may have the same effect on the ratios, but only in
@@ -628,10 +642,10 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # Tyre radii also change the difference of front and rear speed. They differ by wear
-    # (term v), and depend on the square of the speed (term v^3) and on the load in bends
-    # (term v |v r|). The yaw rate must explain the difference both with and without these
-    # terms.
+    # Not only mixed sides, but also different tyre radii cause a difference of front and
+    # rear speed. The radii differ by wear (term v), and depend on the square of the speed
+    # (term v^3) and on the load in bends (term v |v r|). There is a warning only if the
+    # yaw rate explains the difference in both fits, without and with these terms.
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
@@ -670,9 +684,10 @@ def _list_wheel_causes(radius: float) -> list[Cause]:
 
 
 def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
-    """Yield all combinations of at most two CAUSES: none, each one, each pair.
+    """Yield all combinations of at most two of the mistakes in CAUSES: none, each one,
+    each pair.
 
-    Two causes of the same channel form a pair only if one of them is a wrong sign.
+    Two mistakes of the same channel form a pair only if one of them is a wrong sign.
     `ratio`: steering ratio."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
@@ -695,8 +710,8 @@ def _compute_figures(
     """Return the ratios of measured to expected values for the speed v, m/s.
 
     `d`: channels of the log or of a part of it. `wheels`: assumed factor by which the
-    logged wheel speeds are too large. v is already divided by it. The track ratios use
-    logged wheel speeds, and are divided by it here."""
+    logged wheel speeds are too large. The caller has divided v by this factor. The track
+    ratios are computed from logged wheel speeds, and are divided by the factor here."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -730,10 +745,10 @@ def _compute_figures(
 
 
 def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
-    """Return the ratios after correction of these causes.
+    """Return the ratios after correction of the assumed mistakes `causes`.
 
-    Causes of the wheel speeds change nothing here: the speed that _compute_figures() got
-    is already corrected."""
+    Mistakes of the wheel speeds change nothing here: the caller of _compute_figures() has
+    already corrected the speed."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
         if cause.channel in by:
@@ -751,7 +766,7 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
 
 
 def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
-    """Return the cost of the ratios after correction of these causes.
+    """Return the cost of the ratios after correction of the assumed mistakes `causes`.
 
     It is the sum of (ln |ratio| / sd)^2, plus SIGN_PRICE for each negative ratio."""
     left = _apply_causes(figures, causes)

@@ -1,7 +1,11 @@
-"""For each missing channel, list the nearest signals, and why each was rejected.
+"""For each channel that was not found in a log, list the nearest signals of the log, and
+why each of them was rejected for this channel.
 
-The nearest signals are those whose name and unit fit the channel best. A role is a
-quantity that a signal may measure, e.g. yaw_rate or wheel.
+The nearest signals are those whose name and unit fit the channel best. Signals are
+compared with a role, i.e. the quantity that the channel needs. The role has the name of
+the channel, e.g. yaw_rate; the channels of all wheel speeds have the same role, "wheel".
+A signal is rejected if its values, unit, name or motion contradict the role, or if it is
+already proposed for another channel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +22,8 @@ from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # max number of signals that are listed for one channel
 MIN_VALUES = 4  # a signal with fewer values is rejected without a further test
-# role -> kind of unit that a signal with this role needs, as messages name it
+# role, i.e. quantity that a signal may measure -> kind of unit that the signal must then
+# have, in the words of a message
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -72,11 +77,13 @@ def find_nearest_candidates(
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return a score of how well name and unit of a signal fit a role; 0: not at all.
+    """Return a score of how well name and unit of a signal fit a role, i.e. the quantity
+    that it may measure; 0: not at all.
 
     The score is the score of the name, at most 3 (vocabulary.py), plus 1 if the unit fits
-    the role. A speed of an unknown wheel has the score 0.6 for the role "wheel". `axle`:
-    "front" or "rear" for the role "wheel". A wheel of the other axle has the score 0."""
+    the role. `axle`: axle of the missing channel, "front" or "rear", if the role is
+    "wheel". A wheel of the other axle then has the score 0, and a speed whose name does
+    not state the wheel has 0.6."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -90,13 +97,14 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern of the role whether a negative score may come from it.
+    """Return for each pattern of the role whether the name of a signal may match it
+    although the name has a negative score for the role.
 
     A negative score means that the name matches a pattern, but also has a word for a
-    different quantity. Such a word subtracts 4 from the score of the pattern. If the
-    match needs the message in the name, 0.2 is subtracted, too (score_name()). A score
-    above (score of the pattern - 4.3) may therefore come from this pattern. `c`: the
-    signal."""
+    different quantity. score_name() then subtracts 4 from the score of the pattern, and
+    0.2 more if only the name with its topic and message matches. The result is the score
+    of the pattern minus 4.2, or more. The limit used here is 0.1 lower, as a margin for
+    rounding errors. `c`: the signal."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

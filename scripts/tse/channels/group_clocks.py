@@ -1,7 +1,9 @@
-"""Align the clocks of groups of signals in a file, by correlation.
+"""Align the clocks of groups of signals in a file.
 
 In some formats, each group of signals has its own times. The clocks of groups may differ
-by seconds, or may count from different epochs.
+by seconds, or may count from different epochs. The difference of two clocks is the time
+shift at which signals of the two groups that follow the same motion of the car, e.g. two
+yaw rates, correlate best.
 """
 
 from dataclasses import dataclass, replace
@@ -138,7 +140,8 @@ def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
 def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
     """Return the best score of a channel name for a role, and the channel that has it.
 
-    If no channel of the group fits, return (0, None)."""
+    The role is a quantity that a signal may measure, e.g. yaw_rate. If no name has a
+    score of at least 1, i.e. possibly describes the role, return (0, None)."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)

@@ -1,7 +1,9 @@
 """Make the guesses of a proposal, each with its evidence.
 
 A guess is a signal that is proposed for a channel, with unit, sign, ratio, latency and
-confidence. A role is a quantity that a signal may measure, e.g. yaw_rate or wheel.
+confidence. A role is a quantity that a signal may measure. It has the name of the channel
+that needs this quantity, e.g. yaw_rate; the channels of all wheel speeds have the same
+role, "wheel".
 """
 
 from collections.abc import Mapping
@@ -55,9 +57,10 @@ def make_guesses(
     wheels : mapping of str to str
         Place of each wheel -> name of its signal.
     chosen : mapping of str to str
-        Role of each channel except the wheel speeds -> name of its signal.
+        Channel, except the wheel speeds -> name of the signal that was chosen for it.
     worth : mapping of str to mapping of str to float
-        Role -> the two scores of its signal: "said" by name, "shown" by physics.
+        Channel -> the two scores of the signal chosen for it: "said" by name and unit,
+        "shown" by its agreement with the other channels (physics).
     scale : UnitScale
         Unit of each role, and its factor to SI.
     car : Vehicle or None
@@ -153,12 +156,14 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 
 
 def _rate_confidence(said: float, shown: float) -> str:
-    """Return the confidence of a guess from its scores by name and by physics.
+    """Return the confidence of a guess from its two scores.
 
-    `said`: score by name. `shown`: score by physics.
+    `said`: score by name and unit, at most about 4. `shown`: score by physics, -4 .. 4,
+    i.e. by the correlation with the values that the other channels predict; 2.5 means a
+    correlation of about 0.9, 0 that no test was possible.
     "sure": `said` is at least MIN_NAME_SCORE, and `shown` is at least 2.5.
     "likely": `shown` is at least 2.5, or `said` is at least 2.5 and `shown` above -1.
-    "unsure": otherwise."""
+    "unsure": in all other cases."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -647,10 +652,11 @@ def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: f
     """Set the latency of a guess to `late`, if it is significant; add the evidence.
 
     A latency is significant if it exceeds MIN_LATENCY and MIN_LATENCY_SDS x `sd`. If the
-    signal of the guess has the same time stamps as the yaw rate, a latency of at most
-    2 x MIN_LATENCY is not set, although the evidence is added. `late`: [s] delay behind
-    the yaw rate. `sd`: [s] sd of `late`. `clock`: name of the signal of the yaw rate.
-    `how`: names of the signals that were compared, for the evidence."""
+    signal of the guess has the same time stamps as the yaw rate, both were probably
+    sampled together. A latency of at most 2 x MIN_LATENCY is then not set, and only the
+    evidence is added. `late`: [s] delay behind the yaw rate. `sd`: [s] sd of `late`.
+    `clock`: name of the signal of the yaw rate. `how`: names of the signals that were
+    compared, for the evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time
