@@ -164,7 +164,7 @@ function findDialect(name, lines) {
 
 // Read a text table: columns {name, unit, values (NaN: missing), bad: {count, line, text}
 // of cells that are no numbers}, the line of each row in the file, notes. A last line
-// without end is left out, as it may be cut inside a number.
+// without line break is left out, as it may be cut inside a number.
 async function readText(name, bytes, breathe) {
   const text = decode(bytes, name).replace(/^\ufeff/, "");
   const lines = text.split(/\r\n|\n|\r/);
@@ -173,9 +173,9 @@ async function readText(name, bytes, breathe) {
   const d = findDialect(name, lines);
   if (ends) lines.pop();
   else if (lines.length > d.first + 1) {
-    notes.push(`line ${lines.length}, the last, does not end: it may be cut inside a number and is left out`);
+    notes.push(`line ${lines.length}, the last, has no line break: it may be cut inside a number and is left out`);
     lines.pop();
-  } else throw new Wrong(`${name}: has one row, and its line does not end: it may be cut inside a number`);
+  } else throw new Wrong(`${name}: has one row, without a line break: it may be cut inside a number`);
   // refuse before minutes of reading
   if (lines.length - d.first > MOST_ROWS + HEAD) throw makeLengthError(name, lines.length - d.first);
   const width = d.names.length,

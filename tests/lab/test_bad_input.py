@@ -201,7 +201,7 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
         HEADER + b"\n" + 9 * b"0,0,0,01,60,5,60,5,0,1,0,2,0,3\n",
         ["line 2: 14 cells", "decimals with a point"],
     ),
-    "cut in its only row": (HEADER + b"\n0,0,0,0,0,0,0.12", ["one row", "does not end", "cut"]),
+    "cut in its only row": (HEADER + b"\n0,0,0,0,0,0,0.12", ["one row", "without a line break", "cut"]),
 }
 
 
@@ -230,7 +230,7 @@ def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
     pd.testing.assert_frame_equal(a.data, b.data)
     assert b.notes == [
         *a.notes,
-        "line 402, the last, does not end: it may be cut inside a number and is left out",
+        "line 402, the last, has no line break: it may be cut inside a number and is left out",
     ]
 
 

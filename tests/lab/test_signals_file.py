@@ -221,7 +221,7 @@ def test_a_radius_that_nobody_says(tmp_path):
     table().to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "signals.toml").write_text(GOOD.replace("radius = 0.3\n", ""))
     with pytest.raises(
-        UserError, match=r"km/h needs the radius of the wheel: a vehicle file \(--vehicle\), or radius"
+        UserError, match=r"to convert km/h to rad/s, the radius of the wheel is needed: give a vehicle file"
     ):
         read_log(tmp_path / "log.csv")
 

@@ -1,6 +1,8 @@
-"""Read a log: a CSV with the library's column names, a data frame, or any other format.
+"""Read and check a log: a file (read_log()) or a data frame (read_frame()).
 
-tse.readers.readers lists the formats. tse.log.rows checks the rows.
+A CSV with the library's column names is read directly. For other files, a signals.toml
+assigns the signals to channels. tse.readers.readers lists the formats. tse.log.rows
+checks the values, e.g. their range.
 """
 
 import re
@@ -51,8 +53,9 @@ from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# A log is taken to use the library's channel names if it has a column steer_angle and a
-# column of at least one of these two wheel speeds.
+# If a log without a signals.toml has a column steer_angle and at least one of these two
+# wheel speeds, its columns are assigned to the channels of the same names. Otherwise, a
+# signals.toml is needed.
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -65,10 +68,11 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
         The file.
     spare : collection of str
         Channels that may be missing. The column of a missing channel is NaN, and a note
-        states that it is missing.
+        of the log (CheckedLog.notes) states that the channel is missing.
     reading : Reading, optional
-        Options of reading. If they include a car (`car`), its wheel radii are used for
-        wheel speeds that are missing or not in rad/s.
+        Options of reading. If they include a car (`car`), its wheel radii are used to
+        convert wheel speeds from m/s or km/h to rad/s, and to compute the missing wheel
+        speed of one axle from that of the other axle.
 
     Raises
     ------
@@ -88,9 +92,11 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     """Scale a substituted wheel speed to the wheel radii of this car; return the log.
 
-    If the log lacks the wheel speed of one axle, it is computed from the wheel speed of
-    the other axle. Wheel speed x wheel radius is taken as the same at both axles. The
-    missing wheel speed is thus the other wheel speed x (other radius / own radius)."""
+    If a log lacks the wheel speed of one axle, check_log() substitutes the wheel speed of
+    the other axle. For a car with different wheel radii at both axles, this function
+    scales the substitute by (radius at the other axle / radius at the axle without wheel
+    speed), so that wheel speed x wheel radius is the same at both axles. If the log has
+    the wheel speeds of both axles, it is returned unchanged."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -102,10 +108,11 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    If the result is False, read_any() reads the file. The result is also False if an
-    option states a signals.toml or the rate of the rows, if a signals.toml next to the
-    file assigns its columns, if its times are dates or times of day, or if its decimals
-    are written with a comma."""
+    If the result is True, the columns are read without mapping and resampling. If it is
+    False, read_any() reads the file. Even for a CSV with the library's column names, the
+    result is False if an option states a signals.toml or the rate of the rows, if a
+    signals.toml next to the file assigns columns of the file, if the times are dates or
+    times of day, or if decimals are written with a comma."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -151,7 +158,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     table, line, skipped = _read_numbers(path, header, head[1:], whole, needed, notes)
     if whole is not None:
         notes.append(
-            f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out"
+            f"line {whole + 2}, the last, has no line break: it may be cut inside a number and is left out"
         )
     if skipped:
         notes.append(f"column {', '.join(skipped)} is not numeric: not used")
@@ -214,8 +221,12 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
 
 
 def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
-    """Return the needed columns of a frame. Raise an error if a needed column is missing,
-    or if any column appears twice."""
+    """Return the columns that the estimation needs from this frame.
+
+    These are time and the channels. Left out are channels that the frame lacks and that
+    may be missing. If the frame has two columns of wheels instead of the column of an
+    axle, the columns of the wheels are needed. Raise an error if a needed column is
+    missing, or if any column appears twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -317,7 +328,7 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
         raise UserError(f"{path}: is empty")
     whole = ends - 1 if ends and not last.endswith("\n") else None
     if whole == 0:
-        raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
+        raise UserError(f"{path}: has one row, without a line break: it may be cut inside a number")
     return head.split("\n", 2)[:2], whole
 
 
@@ -345,9 +356,10 @@ def _read_numbers(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Read the columns of a CSV as numbers.
 
-    In a needed column, cells that are not numeric become NaN, with a note. If their share
-    exceeds MAX_OUTSIDE, an error is raised. An optional column with a cell that is not
-    numeric is left out. A row is dropped if all its needed columns are empty.
+    In a needed column, cells that are not numeric become NaN, with a note. If a larger
+    share than MAX_OUTSIDE of the cells of a needed column is not numeric, an error is
+    raised. An optional column with a cell that is not numeric is left out. A row is
+    dropped if its cells in all needed columns are empty.
 
     Parameters
     ----------
@@ -358,9 +370,10 @@ def _read_numbers(
     first : list of str
         A list with one string, the first line after the header; [] if there is none.
     whole : int or None
-        Number of rows to read. None: all.
+        Number of complete rows, from _read_head(). Only these are read. None: all rows
+        are complete.
     needed : list of str
-        Needed columns.
+        Columns that the log must have. All other columns are optional.
     notes : list of str
         The function appends its notes.
 
@@ -477,7 +490,8 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     Raises
     ------
     UserError
-        The log cannot be used. The message states the missing channel and the remedy.
+        The log cannot be used. The message states the reason, e.g. a missing channel, and
+        the remedy.
     """
     if reading.rate is not None and not MIN_RATE <= reading.rate <= MAX_RATE:
         raise UserError(
@@ -519,7 +533,8 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
     """If the log has no wheel speeds, add a wheel speed of the front axle to `found`.
 
     `found`: channels of the log. The added wheel speed is vehicle_speed / wheel radius,
-    so it contains no information on slip."""
+    i.e. that of a wheel that rolls without slip. It therefore contains no information on
+    the real slip."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -556,10 +571,12 @@ def _join_slow_channels(
 ) -> dict[str, SlowChannel]:
     """Return the original entries of the channels whose rate is below that of the rows.
 
-    An entry is a value with its time. If the rates of both wheels of an axle are below
-    that of the rows, the mean of the two wheel speeds is returned as the speed of the
-    axle. `native`: channel -> (times [s] of its entries, their values, their rate [Hz]).
-    `rate`: [Hz] rate of the rows."""
+    An entry is a value with its time, as logged. In the rows, such a channel is
+    interpolated, which smooths its noise. The noise is therefore estimated from the
+    original entries. If both wheels of an axle have a lower rate than the rows, the mean
+    of the two wheel speeds is returned as the speed of the axle. `native`: channel ->
+    (times [s] of its entries, their values, their rate [Hz]). `rate`: [Hz] rate of the
+    rows."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

@@ -1,7 +1,9 @@
 """Prepare a log for the search for its channels (class Look), and describe the result.
 
-A Guess is the signal proposed for one channel. A Proposal has all guesses for a log. A
-role is a quantity that a signal may measure.
+A channel is a quantity that the library reads, e.g. wheel_speed_front. A Guess is the
+signal of the log that is proposed for one channel. A Proposal has all guesses for a log.
+A role is a quantity that a signal may measure, e.g. yaw_rate. Most roles have the name of
+a channel. The role "wheel" stands for all wheel speeds, "speed" for the speed of the car.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # small magnitudes, but has no such rows.
 MIN_SIGN_SHARE = 0.02
 # [1] A sign bit only changes while its magnitude is near 0. The median of the magnitude
-# in the rows in which the bit changes must therefore be below this share of its mean.
+# in the rows in which the bit changes must therefore be below this share of the mean of
+# the magnitude over all rows.
 MAX_AT_ZERO = 0.2
 # A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
@@ -63,7 +66,8 @@ class Guess:
     sign: float = 1.0  # -1: the signal is positive to the right or backwards
     ratio: float | None = None  # steering ratio, by which the angle is divided
     latency: float = 0.0  # [s] delay from the measurement to its time in the log
-    # [s] time by which the clock of the signal is ahead of the reference (align_clocks())
+    # [s] time by which the clock of the signal is ahead of the common clock of the log,
+    # which align_clocks() in group_clocks.py chooses
     clock: float = 0.0
     above: float | None = None  # channel brake: value in `unit` above which the car brakes
     sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
@@ -203,7 +207,8 @@ class Look:
     def clean_name(self, name: str) -> str:
         """Return the name of a signal. A final "status" is removed if it is wrong.
 
-        A signal with more than MAX_STATES values is not a status, whatever its name."""
+        A signal with more than MAX_STATES different values is a measured quantity and not
+        a status, even if its name ends in "status"."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
             many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
@@ -225,7 +230,8 @@ class Look:
 
 # ---- Find the companions of a measurement, i.e. other signals of its message that belong
 # to it: its validity flag, the counter of the message, and the fine part of a value that
-# is sent in coarse steps. Warn of signals that are tick counters of wheels.
+# is sent in coarse steps. In addition, warn if the log has tick counters of wheels
+# (number of pulses of a wheel speed sensor) instead of wheel speeds.
 
 FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
@@ -253,13 +259,15 @@ CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest meas
 # magnitude, or at least 0.5 in the unit of the signal. Only for coarse signals, a fine
 # part is searched for.
 COARSE_STEP = 0.02
-# [1] A signal is accepted as the fine part if adding it to the coarse value reduces the
-# roughness of the coarse value to less than this share. The roughness is the mean
-# absolute second difference.
+# [1] A signal is accepted as the fine part if the roughness of (coarse value + this
+# signal) is below this share of the roughness of the coarse value alone. The roughness is
+# the mean absolute second difference of successive values.
 MAX_FILLED = 0.35
 
-# Flags of a recording. Key: (name of the message, number of entries of the flag). Value:
-# list of (flag, value of the flag that means valid).
+# Flags of a recording. Key: (name of the message, number of entries of the flag). The
+# number is part of the key, since a flag applies to its signal entry by entry, so both
+# must have the same number of entries. Value: list of (flag, value of the flag that means
+# valid).
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
 
 
@@ -277,9 +285,10 @@ def find_flag(
 ) -> tuple[str, float] | None:
     """Return the validity flag of the signal `mine`, and the value that means valid.
 
-    The flag is in the same message. Its name is similar to the name of the signal, or it
-    is the only flag that refers to the whole message. Names in `taken` are left out.
-    Return None if the signal has no flag."""
+    The flag is in the same message as the signal. If a flag has a name similar to that of
+    the signal, the most similar flag is returned. If not, and if exactly one flag of the
+    message refers to the message as a whole, i.e. to none of its signals alone, this flag
+    is returned. Names in `taken` are left out. Return None if the signal has no flag."""
     found = sorted(
         (_compare_names(c, mine), c.name, v)
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())
@@ -322,9 +331,9 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
 def mark_no_value(value: np.ndarray) -> np.ndarray:
     """Return a mask of the rows in which a signal has a code for "not available".
 
-    The largest magnitude of the signal is taken as a code if at least two rows, but at
-    most the share 1 - MIN_VALID_SHARE of all rows, have it, and if it exceeds CODE_RATIO
-    times the next smaller magnitude."""
+    The largest magnitude of the signal is taken as a code on two conditions. It exceeds
+    CODE_RATIO times the next smaller magnitude. And it appears in at least two rows, but
+    not in more than 10 % of all rows (1 - MIN_VALID_SHARE)."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0
@@ -336,10 +345,11 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
-    """Find flag, counter and fine part of each guess, and set them in the guess.
+    """Find validity flag, counter and fine part for the signal of each guess; set them in
+    the guess.
 
-    A companion is in the same message as the signal of the guess. Among the signals of
-    this message, it is found by its name and its values."""
+    These companions are searched for by their names and values, in the same message as
+    the signal of the guess."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
@@ -380,10 +390,11 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 def _find_valid_value(c: Channel) -> float | None:
     """Return the value of a flag that means valid; None: unknown, or not a flag.
 
-    If the database names the states of the flag, and some names describe a bad state,
-    return the only value in the log whose state is not bad. If there is no such database,
-    return the most frequent value, if at least MIN_VALID_SHARE of the rows, but not all,
-    have it."""
+    A database of the bus may name the states of a flag. If some of these names describe a
+    bad state, e.g. "invalid", and if exactly one value in the log is not a bad state,
+    return this value. If several are not bad, return None. Without names of bad states,
+    return the most frequent value if at least MIN_VALID_SHARE of the rows, but not all,
+    have it, otherwise None."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]

@@ -74,7 +74,8 @@ def map_signals(
     """Return all channels that signals.toml assigns: name of the channel -> its series.
 
     If signals.toml assigns two signals to an axle, the result has a series for its left
-    and one for its right wheel. Two signals of steer_angle are averaged.
+    and one for its right wheel. Two signals of steer_angle (the angles of left and right
+    front wheel) are averaged.
 
     Parameters
     ----------
@@ -189,8 +190,8 @@ def _find_factor(
         where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
         if "wheel_speed" in part and unit_factor(unit, wanted, 1.0) is not None:
             raise UserError(
-                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
-                "radius = 0.31 next to the unit"
+                f"{source}: to convert {unit}{where} to {wanted}, the radius of the wheel is needed: give a "
+                "vehicle file (--vehicle), or radius = 0.31 next to the unit"
             )
         raise UserError(
             f"{source}: unit {unit!r}{where} cannot be converted to {wanted}; if the log is wrong, state the "
@@ -200,10 +201,11 @@ def _find_factor(
 
 
 def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> np.ndarray:
-    """Interpolate the steering ratio in the table signal.ratio.
+    """Return the steering ratio at each angle of the steering wheel.
 
-    `value`: [rad] angles of the steering wheel. `per`: factor from the unit of the angles
-    in the table to rad."""
+    The ratio is interpolated linearly in the table signal.ratio, whose rows are (angle of
+    the steering wheel, ratio). `value`: [rad] angles of the steering wheel. `per`: factor
+    from the unit of the angles in the table to rad; its sign is ignored."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 
@@ -257,7 +259,9 @@ def _drop_repeated(
 ) -> None:
     """Set to NaN the values of repeated messages; append a note on lost messages.
 
-    A message is a repetition if its counter equals that of the message before."""
+    The counter increases by 1 (modulo its range) with each new message. If it equals that
+    of the message before, the message is a repetition. If it increases by n > 1, n - 1
+    messages were lost."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)

@@ -77,8 +77,9 @@ def differentiate(x: np.ndarray) -> np.ndarray:
 class Steering:
     """Model of the steering angle: per_curvature (r/v) (1 + understeer v^2) + offset."""
 
-    # wheelbase [m] x steering ratio, for an angle in rad. For other units of the angle,
-    # it is scaled like the angle. It is negative if the signs of angle and r differ.
+    # Angle per curvature r/v at low speed (r: yaw rate, v: speed), in the unit of the
+    # angle x m. For an angle in rad, its magnitude is wheelbase [m] x steering ratio. It
+    # is negative if the logged angle and yaw rate have opposite signs in a bend.
     per_curvature: float
     sd: float  # [1] sd of the logarithm of |per_curvature|
     understeer: float  # [s2/m2]
@@ -86,17 +87,19 @@ class Steering:
     share: float  # [1] share of the variance of the angle that the model explains
 
 
-# [s2/m2] mean and sd of the understeer, 1/(characteristic speed)^2. The characteristic
-# speed of passenger cars is 18 .. 35 m/s.
+# [s2/m2] mean and sd of the understeer over passenger cars. The understeer is
+# 1/(characteristic speed)^2, and the characteristic speed of passenger cars is 18 .. 35
+# m/s.
 UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012
 
 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
     """Fit the model of the steering angle to a log.
 
-    The understeer has the prior UNDERSTEER of passenger cars, since it is not observable
-    in a log at constant speed. `angle`: steering angle in any unit. `v`: [m/s] speed.
-    `r`: [rad/s] yaw rate.
+    At constant speed, understeer and steering ratio have the same effect on the angle, so
+    a log cannot determine both. The understeer therefore has a normal prior with the mean
+    UNDERSTEER and the sd UNDERSTEER_SD. `angle`: steering angle in any unit. `v`: [m/s]
+    speed. `r`: [rad/s] yaw rate.
 
     Returns
     -------
@@ -111,8 +114,9 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
     independent = max(len(y) / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
-    # Regress the angle y on c + k (c v2) for every understeer k of a grid at once (c:
-    # curvature, v2: square of the speed). Only covariances of c, c v2 and y are needed.
+    # The model is y = per_curvature (c + k c v2) + offset. y: angle, c: curvature r/v, k:
+    # understeer, v2: squared speed. For each k of a grid, regress y on c + k c v2. The
+    # covariances of c, c v2 and y suffice for this, and are the same for all k.
     parts = np.array([c, c * v2])
     middle = parts.mean(axis=1)
     parts = parts - middle[:, None]
@@ -133,10 +137,12 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    # Noise of the curvature biases the slope of this regression towards 0. The slope of
-    # the inverse regression is slope / share. The true slope is between both, and their
-    # geometric mean is returned, as in fit(). The sd includes the sd of a uniform
-    # distribution of ln(slope) between both slopes.
+    # Noise of the curvature biases the slope of the regression of the angle on the
+    # curvature towards 0. Noise of the angle biases the slope of the inverse regression
+    # away from 0. The slope of the inverse regression is slope / share, where share is
+    # the explained share of the variance of the angle. The true slope is between these
+    # two slopes, and their geometric mean is returned, as in fit(). The sd includes the
+    # sd of a uniform distribution of ln(slope) between the two.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
@@ -149,9 +155,11 @@ def find_lag(
 ) -> tuple[float, float]:
     """Return the lag of y behind x, and the sd of the lag, both in s.
 
-    The lag follows from a least-squares fit of y = a (x - lag x') + b more + c to the
-    rows `keep`. x': derivative of x. `more`: further regressors. Return (0, inf) if the
-    lag cannot be determined."""
+    y is modelled as the delayed signal a x(t - lag), plus a combination of further
+    regressors `more`, plus a constant. For a small lag, x(t - lag) is about x - lag x',
+    with the derivative x' of x. The model is thus linear, with the coefficient a of x and
+    the coefficient b = -a lag of x'. Both are fitted by least squares to the rows `keep`,
+    and the lag is -b / a. Return (0, inf) if the lag cannot be determined."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)

@@ -21,9 +21,10 @@ from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 # rate. Faster signals of a bus mostly repeat their values.
 MAX_DEFAULT_RATE = 100.0
 MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
-# A step between entries is a gap if it exceeds a limit. The limit is GAP_STEPS median
-# steps of the channel, but at least MIN_GAP [s], and at most the larger of MAX_GAP [s]
-# and 2.5 median steps.
+# A step between two entries is a gap if it is longer than GAP_STEPS median steps of the
+# channel. This limit is raised to MIN_GAP [s] if it is lower. If it is above both MAX_GAP
+# [s] and 2.5 median steps, it is reduced to the larger of these two. Rows in a gap are
+# NaN. Shorter steps are interpolated.
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
@@ -36,10 +37,12 @@ PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
 # accurate as the spline, and faster to compute.
 DENSE_RATIO = 4.0
 # [1] If a column of a table has values in a smaller share of the rows than this, it is
-# checked whether the column was sampled at a lower rate than the rows.
+# checked whether the column was sampled at a lower rate than the rows. If so, the table
+# is resampled. If not, its rows are kept.
 MIN_FILLED = 0.8
-# [entries] A value of a cubic spline depends only on the entries within this distance:
-# their influence decays by the factor 0.27 per entry, and 0.27 ** 600 rounds to 0.
+# [entries] A value of a cubic spline depends only on the entries within this distance.
+# The influence of an entry decays by the factor 0.27 per entry of distance, and 0.27 **
+# 600 is 0 in double precision.
 SPLINE_REACH = 600
 
 
@@ -51,15 +54,19 @@ class RasterRows:
     value: dict[str, np.ndarray]  # channel -> values, (rows,); NaN: missing
     rate: float  # [Hz] rate of the rows
     notes: list[str] = field(default_factory=list)
-    # Original entries of the channels that are slower than the rows. Key: channel. Value:
-    # (times [s] of its entries, their values, their rate [Hz]).
+    # Original entries of the channels that are slower than the rows. Interpolation
+    # smooths the noise of such a channel, so the noise is estimated from these entries.
+    # Key: channel. Value: (times [s] of its entries, their values, their rate [Hz]).
     native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)
 
 
 def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     """Return times and values of the entries that are new measurements.
 
-    Missing and repeated (held) values are left out. Entries of a burst are averaged."""
+    Missing values are left out, and so are held values, i.e. values that the bus repeats
+    until the next measurement. Entries of a burst, i.e. entries that are closer together
+    than BURST_STEP median steps, are averaged. If `s.hold` is True, the channel is only
+    sent when it changes, and all its values are returned."""
     there = np.isfinite(s.value)
     time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
     if s.hold or len(time) < 3:
@@ -101,7 +108,7 @@ def resample_channels(
     Raises
     ------
     UserError
-        The number of rows exceeds the limit of a log.
+        There are more rows than a file of this size can contain, see check_rows().
     """
     plain = _keep_table(found, rate)
     if plain is not None:
@@ -201,8 +208,9 @@ def find_longest_gap(usual: float) -> float:
 def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return the cubic spline through the entries (t, x) at increasing times `at`.
 
-    Fewer than 4 entries are interpolated linearly. To save memory (300 MB for ten hours),
-    only entries within SPLINE_REACH of the times are used."""
+    Fewer than 4 entries are interpolated linearly. Only entries within SPLINE_REACH of
+    the times are used, because the coefficients of a spline through all entries of a log
+    of ten hours would need 300 MB."""
     if len(t) < 4:
         return np.interp(at, t, x)
     first, last = np.searchsorted(t, at[[0, -1]])
@@ -325,11 +333,14 @@ def _make_times(
 ) -> np.ndarray:
     """Return the times of the rows, s.
 
-    The rows cover the interval in which all inputs of the model are present. If there is
-    no such interval, they cover the interval in which any channel is present. If the yaw
-    rate has the rate of the rows, the rows are at the times of its entries, so that the
-    yaw rate need not be interpolated. If not, the rows are at the times of a different
-    channel with this rate.
+    The rows cover the interval in which all inputs of the model (steering angle and wheel
+    speeds) are present. If there is no such interval, they cover the interval from the
+    first to the last entry of all channels in `core`. If the yaw rate has the rate of the
+    rows, the rows are at the times of its entries, so that the yaw rate need not be
+    interpolated. If it has a different rate, the rows are at the times of another channel
+    with the rate of the rows. If there is no such channel either, they begin at the start
+    of the interval.
+
     `own`: channel -> its times [s] and values. `rates`: channel -> its rate [Hz]. `core`:
     channels for which is_core() is True."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}

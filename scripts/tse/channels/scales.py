@@ -39,15 +39,17 @@ USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is give
 LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
 # Cost of each unit of UNIT_OPTIONS except the first one, if neither log nor name states a
-# unit
+# unit. The first unit, that of the library, has no cost.
 OTHER_UNIT_COST = 0.5
 MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
-# Cost per sd of the deviation, added to MAX_EQUATION_COST. Because of this cost, the
+# If the deviation from a kinematic relation is so large that its cost is limited, the
+# cost is MAX_EQUATION_COST + FAR_COST x |deviation| / sd. Because of the second term, the
 # combination of units with the smallest deviations has the lowest cost, even if all
-# combinations reach MAX_EQUATION_COST.
+# combinations exceed MAX_EQUATION_COST.
 FAR_COST = 0.1
 MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
-# [rad/s, m/s2, m/s2, m/s] limits of the motion of road cars. wheel: wheel speed x radius.
+# limits of the motion of road cars: [rad/s] yaw_rate, [m/s2] accel_y and accel_x, [m/s]
+# wheel (wheel speed in m/s)
 MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
@@ -57,9 +59,10 @@ class UnitScale:
 
     unit: dict[str, str]  # role (wheel, yaw_rate, accel_y, accel_x) -> unit
     per: dict[str, float]  # role -> factor from this unit to SI; role wheel: to m/s
-    # Name -> ratio of signals in SI units. "accel_y": a_y / (v r). "accel_x": a_x /
-    # (dv/dt). "track": [m] (right - left wheel speed) / yaw rate. "speed": logged ground
-    # speed / v.
+    # Name -> ratio of signals, with the units above converted to SI units. v: mean of the
+    # wheel speeds [m/s], r: yaw rate. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt).
+    # "track": [m] (right - left wheel speed [m/s]) / r. "speed": logged speed over
+    # ground / v.
     figures: dict[str, float]
 
 
@@ -121,7 +124,8 @@ def find_units(
 def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[str, float]]:
     """Return the possible units of a signal, each with its cost.
 
-    `is_speed`: the signal is the speed of the car, which replaces the wheel speeds."""
+    `is_speed`: the signal is the speed of the car, which replaces the wheel speeds. Only
+    units of speed are then possible, e.g. not rad/s."""
     kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
     said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
     said = said if unit_kind(said) in kinds else ""
@@ -144,8 +148,9 @@ def is_same_unit(a: str, b: str, role: str) -> bool:
     """Return whether two units of a role are the same, also if spelt differently."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
-    # For a wheel, rad/s and m/s have the same factor here, since the radius is 1 m. They
-    # are distinguished by their kind.
+    # Two units are the same if their factors to SI are equal. For a wheel, rad/s and m/s
+    # have equal factors, because they are computed with a radius of 1 m. These two units
+    # are therefore distinguished by their kind (rate or speed).
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
@@ -161,11 +166,12 @@ def measure_slopes(
 ) -> dict[str, float]:
     """Fit the kinematic relations to the signals as logged.
 
-    Return a dict. "accel_y", "accel_x", "track", "speed": ratios as in UnitScale.figures,
-    but in the units of the log. A ratio is left out if its two signals correlate badly.
-    "accel_y_corr", "accel_x_corr", "track_corr": correlation of the two signals.
-    "course_corr": result of _correlate_course(). "top": 99 % quantile of |v|. `v`: speed
-    in any unit."""
+    Return a dict. "accel_y", "accel_x", "track", "speed": magnitudes of the ratios of
+    UnitScale.figures, but in the units of the log. A ratio is left out if its numerator
+    and denominator correlate badly. "accel_y_corr", "accel_x_corr", "track_corr":
+    correlation of numerator and denominator. "course_corr": result of
+    _correlate_course(). "top": 99 % quantile of |v|, taken as the top speed. `v`: speed
+    of the car in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -255,10 +261,11 @@ def _compute_cost(
 ) -> tuple[float, dict[str, float]]:
     """Return the cost of a combination of units, and the ratios of UnitScale.figures.
 
-    The cost is the sum of (deviation / sd)^2 over the kinematic relations. Each term is
-    limited to MAX_EQUATION_COST plus FAR_COST per sd. A top speed above 75 m/s or below
-    3 m/s adds 4 to the cost. `facts`: result of measure_slopes(). `unit`, `per`: as in
-    UnitScale."""
+    The cost is the sum of (deviation / sd)^2 over the kinematic relations. The deviation
+    is the logarithm of (ratio / expected ratio). Each term is limited to
+    MAX_EQUATION_COST + FAR_COST x |deviation| / sd. A top speed above 75 m/s or below 3
+    m/s is improbable for a car, and adds 4 to the cost. `facts`: result of
+    measure_slopes(). `unit`, `per`: as in UnitScale."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

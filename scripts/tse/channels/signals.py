@@ -93,7 +93,8 @@ class SignalsFile:
     rate: float | None = None  # [Hz] rate of the rows; None: chosen from the rates of the channels
 
     def wants(self, name: str) -> bool:
-        """Return whether a channel needs the signal `name`.
+        """Return whether any channel is made from the signal `name`, e.g. as its value or
+        as its validity flag.
 
         `name` and the names in signals.toml may be SIGNAL or MESSAGE.SIGNAL."""
         names = {

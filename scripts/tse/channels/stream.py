@@ -42,22 +42,26 @@ from tse.readers.recording import Channel, Recording
 # MIN_KEPT entries. These entries suffice to interpolate the signal by a spline, and to
 # find repeated counters and held values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
-# [s] time after the first needed frame at which the rates of the channels are determined
+# [s] time after the first needed frame at which the rates of the channels are determined.
+# From these, the rate of the rows is chosen if it is not stated, and the rows begin.
 LISTEN_TIME = 1.0
-# [s] If a needed channel is missing at LISTEN_TIME, the rates are determined when this
-# channel has arrived, at the latest after MAX_LISTEN_TIME.
+# [s] If a needed channel is missing after LISTEN_TIME, the rows begin when this channel
+# has arrived. If it does not arrive, they begin without it after this time.
 MAX_LISTEN_TIME = 3.0
-# A row waits for a channel for at most WAIT_STEPS median steps of this channel, plus
-# WAIT_TIME [s].
+# A row is returned when each channel has an entry after the row. It waits for a channel
+# without such an entry until WAIT_STEPS median steps of this channel, plus WAIT_TIME [s],
+# plus the latency of the channel have passed since the time of the row.
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
 # A channel is silent if its last entry is older than SILENT_STEPS of its median steps and
 # older than MIN_SILENCE [s]. Rows do not wait for a silent channel.
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# [entries] The spline uses only this many of the last entries of a channel. The weight of
-# earlier entries would be below 0.27 ** 48, which is negligible.
+# [entries] The spline uses only this many of the last entries of a channel. The influence
+# of an entry on a cubic spline decays by the factor 0.27 per entry of distance. That of
+# earlier entries is therefore negligible.
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determined anew
-# [1] A channel is low-passed if its rate exceeds this times the rate of the rows.
+# [1] A channel is low-passed if its rate exceeds this times the rate of the rows, as in
+# raster.resample().
 LOW_PASS_RATIO = 1.2
 # [rows] additional wait for a low-passed channel, whose filter needs more later entries
 LOW_PASS_ROWS = 2.0
@@ -87,7 +91,8 @@ class _Heard:
 
     now: float  # [s] time of the bus
     found: dict[str, Series]  # channel -> its entries
-    # channel -> times and values of its entries, without held values
+    # channel -> times and values of its entries, without the values that the bus repeats
+    # until the next measurement (held values)
     own: dict[str, tuple[np.ndarray, np.ndarray]]
     rates: dict[str, float]  # channel -> [Hz] rate of its entries
     core: list[str]  # channels for which is_core() is True
@@ -139,8 +144,9 @@ class Stream:
         self._sent = 0  # number of rows returned
         self._start = math.nan  # [s] time of the first row
         # axle -> two sums over all rows: of (right - left wheel speed) x yaw rate, and of
-        # the square of the yaw rate. The first sum divided by the second is an estimate
-        # of (right - left wheel speed) / yaw rate.
+        # the square of the yaw rate. The first sum divided by the second is the
+        # least-squares estimate of (right - left wheel speed) / yaw rate. With it,
+        # _average_axle() computes a missing wheel speed from the other one of the axle.
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
@@ -291,7 +297,8 @@ class Stream:
         return found
 
     def make_rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the rows that are complete at the time `now` [s] of the bus.
+        """Return the rows that are complete at the time `now` [s] of the bus, see
+        _find_row_limit().
 
         Returns
         -------
@@ -336,8 +343,8 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        # id of an array of times -> channels whose entries have these times. They are
-        # interpolated together, which is faster.
+        # id of an array of times -> channels whose entries have these times. These
+        # channels are interpolated together, which is faster.
         even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
@@ -359,10 +366,12 @@ class Stream:
         return value
 
     def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of the new entries, as raster.select_entries() does.
+        """Return times and values of the entries that are new measurements, as
+        raster.select_entries() does.
 
-        To save time, held values are searched for only if `anew` is True, or if the last
-        search found held values in this channel."""
+        Held values (repetitions of the last measurement) are left out. To save time, they
+        are searched for only if `anew` is True, or if the last search in this channel
+        found some, or if entries are so close together that they may be a burst."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -398,8 +407,8 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        # Use mean rates, because the computer adds a time stamp when a frame arrives, and
-        # single time stamps therefore jitter.
+        # Use mean rates instead of rates from median steps. The computer adds the time
+        # stamp when it receives a frame, so single steps jitter, but their mean does not.
         if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
@@ -408,10 +417,11 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return False if the next row certainly still waits for a channel, else True.
+        """Return False if the next row must wait for a channel, True if it may be
+        complete.
 
-        Most frames complete no row. This check is faster than the full check in
-        make_rows(), and is done before it."""
+        Most frames complete no row. make_rows() therefore does this fast check before the
+        slower exact one."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -451,8 +461,9 @@ class Stream:
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return a column with each new entry in the nearest row, and NaN in other rows.
 
-        If an earlier call has already returned the nearest row, the first row of this
-        call gets the entry."""
+        The filter must use each velocity measurement once, so these channels are neither
+        interpolated nor held. If an earlier call has already returned the nearest row,
+        the first row of this call gets the entry."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -464,8 +475,10 @@ class Stream:
     def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
         """Return the columns of the rows, with one speed for each axle.
 
-        Values out of range become NaN. If only one axle has a speed, the speed of the
-        other one is computed from it."""
+        Values out of range become NaN. If only one axle has a wheel speed, that of the
+        other axle is computed from it by the ratio of the wheel radii. Slip is then
+        unknown, so the longitudinal stiffness cannot be estimated, and accel_x becomes
+        NaN."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):

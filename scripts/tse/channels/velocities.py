@@ -22,8 +22,10 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# The sign of a lateral velocity is found by a regression of accel_y - v r on the
-# derivative of this velocity. The sign is certain if |coefficient| / sd exceeds this.
+# The lateral acceleration is dv_y/dt + v r (v_y: lateral velocity, v: speed, r: yaw
+# rate). The sign of a signal of v_y is therefore that of the coefficient in a regression
+# of accel_y - v r on the derivative of the signal. The sign is certain if |coefficient| /
+# sd of the coefficient exceeds this.
 MIN_SIGN_SDS = 6.0
 # [1] A signal is not taken for a lateral velocity if |signal| / speed exceeds this in
 # more than 2 % of the rows.
@@ -123,10 +125,11 @@ def _find_sign(
 ) -> float:
     """Return coefficient / sd of a regression of accel_y - v r on the derivative of x.
 
-    `x`: [m/s] lateral velocity. If the result is positive, x is positive to the left. If
-    it is negative, x is positive to the right. Return 0 if the regression is not
-    possible. The regression has a second regressor, accel_y, since body roll adds a part
-    of gravity to the measured accel_y."""
+    `x`: [m/s] lateral velocity. If it is positive to the left, its derivative is
+    accel_y - v r, and the coefficient is positive. If it is positive to the right, the
+    coefficient is negative. Return 0 if the regression is not possible. Body roll adds a
+    component of gravity to the measured accel_y. This component is about proportional to
+    accel_y, so accel_y is a second regressor."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

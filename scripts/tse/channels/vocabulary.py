@@ -211,7 +211,8 @@ def is_another_thing(role: str, name: str) -> bool:
 def find_place(name: str) -> tuple[str, float]:
     """Return the wheel or axle whose speed a name describes, and the score of the name.
 
-    If the name describes no such speed, return ("", 0)."""
+    The score is at most 3. It is high if the name clearly describes the speed of this
+    wheel or axle. If the name describes no such speed, return ("", 0)."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     if NO_WHEEL_WORDS.search(end):

@@ -82,8 +82,8 @@ def find_wheels(look: Look) -> dict[str, str]:
 def _strip_place(name: str) -> str:
     """Return the last part of a name, with the words for a place replaced by *.
 
-    Words for a place are front, left, fl, ... Names of the four wheel speeds of a car
-    thus become equal."""
+    Words for a place are front, left, fl, ... The names of the four wheel speeds of a car
+    thus become equal, and find_wheels() groups signals with equal names."""
     text = join_words(last_part(name))
     return re.sub(
         r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|"
@@ -169,15 +169,16 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 def find_speed(look: Look) -> dict[str, str]:
     """Return {"rear": name of the signal with the car's speed}; {} if no signal has it.
 
-    This speed replaces missing wheel speeds. It is assigned to the rear axle. When the
-    log is read, the front axle gets the same speed, so slip is unknown."""
+    This speed replaces missing wheel speeds. It is assigned to the rear axle only. When
+    the log is read, the front axle, which has no signal, gets the same speed. Both axles
+    then have equal speeds, so slip cannot be computed."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
 def is_car_speed(wheels: Mapping[str, str]) -> bool:
     """Return whether `wheels` is a result of find_speed(), i.e. has the speed of the car
-    instead of the speeds of wheels."""
+    instead of the speeds of wheels. Only find_speed() returns a single signal."""
     return len(wheels) == 1
 
 
@@ -202,8 +203,8 @@ def is_sided(wheels: Mapping[str, str]) -> bool:
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return right minus left wheel speed of an axle, which is proportional to yaw rate.
 
-    Return None if no axle has signals of both wheels, or if the names of these signals do
-    not state the side."""
+    The rear axle is preferred. Return None if no axle has signals of both wheels, or if
+    the names of the wheel speeds do not state the places of the wheels."""
     if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
@@ -216,8 +217,9 @@ def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
     """Assign places to four wheel speeds whose names do not state them.
 
-    The two wheels that are slower in left turns are the left wheels. Of the two wheels of
-    a side, the one that is first in the file is taken as the front wheel."""
+    The two wheels that are slower in left turns are the left wheels. The logged yaw rate
+    is taken as positive to the left. Of the two wheels of a side, the one that is first
+    in the file is taken as the front wheel."""
     if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
     r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
@@ -229,10 +231,12 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # ---- Find the signals of the motion by name, unit and agreement with each other.
 
-# Role -> [1] neutral correlation of a signal with the channels that the kinematics relate
-# to it. A higher correlation increases the score of the signal for this role, a lower
-# correlation reduces it. The value is 0.75 for roles that are not listed. It is lower for
-# accel_x, since dv/dt is noisy, and since the grade of the road adds to accel_x.
+# A role is a quantity that a signal may measure. The kinematics relate each role to other
+# channels, e.g. accel_x to dv/dt. If a signal has a high correlation with these channels,
+# its score for the role increases. If the correlation is low, the score decreases. This
+# table contains the correlation [1] at which the score does not change. It is 0.75 for
+# roles that are not listed. It is lower for accel_x, since dv/dt is noisy, and since the
+# grade of the road adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max magnitude of the score by physics, see _score_by_physics()
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
@@ -295,7 +299,8 @@ def find_roles(
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best pair first; each signal gets at most one role
-        # a matching unit is not sufficient: name or physics must match, too
+        # A matching unit is not sufficient. In addition, the name must describe the role
+        # (score 0.8 or more), or the signal must agree with other channels (2.5 or more).
         if (
             role not in found
             and n not in found.values()
@@ -393,8 +398,9 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # Reduce the score if the correlation of r with a is higher than that of v r with
-        # a. Then the roles may be swapped, or r and a may measure the same quantity.
+        # The candidate r for the yaw rate and the candidate a for the lateral
+        # acceleration fit if a = v r. If a correlates better with r than with v r, reduce
+        # the score: r and a may be swapped, or both may measure the same quantity.
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}
@@ -416,8 +422,8 @@ AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-# [m/s2] min difference between the mean dv/dt with the brake off and that with the brake
-# on. If the difference is smaller, the signal is not a brake.
+# [m/s2] If a signal is the brake, the mean of dv/dt in rows with the brake on is lower
+# than in rows with the brake off, by at least this much. Otherwise, it is rejected.
 MIN_BRAKING_LOSS = 0.7
 # [1] The car is taken to brake if the brake pressure or pedal position exceeds
 # PEDAL_SHARE x the PEDAL_QUANTILE quantile of its values.
@@ -427,7 +433,9 @@ PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
     """Return the guesses (class Guess) of brake and wheel torques.
 
-    `v`: speed at the times of `look`, m/s. None: unknown."""
+    If several signals may be the brake, only the one with the fewest unsure properties is
+    returned. If several have equally few, a switch is preferred to a pressure or pedal
+    position. `v`: speed at the times of `look`, m/s. None: unknown."""
     found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
     return [*best, *(g for a in AXLE_NAME if (g := _guess_torque(recording, a)) is not None)]
@@ -486,7 +494,8 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
     """Return the guess of an axle's wheel torque by name and unit; None if no signal
     fits.
 
-    agree.py later compares torque / wheel radius with mass x accel_x."""
+    The values are not tested here. agree.py later compares the force torque / wheel
+    radius with mass x accel_x, and warns if they disagree."""
     for c in recording:
         name = join_words(c.short)
         named = (

@@ -1,2 +1,5 @@
-"""Run the filter over a log, smooth its estimates, and describe them in words: the answer
-in three lines, the verdicts, the events."""
+"""Run the filter over a log, smooth its estimates, and describe them in words.
+
+The answer is three lines, one for each stiffness. A verdict states how far a stiffness is
+usable, and why. An event is e.g. a change of the road or a fault of a sensor.
+"""

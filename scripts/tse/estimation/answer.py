@@ -1,5 +1,8 @@
-"""The answer of a run: three aligned lines, each with a stiffness, its 95 % interval, and
-whether it is usable."""
+"""Describe the result of a run in three aligned lines, the answer.
+
+Each line has a stiffness, its 95 % interval, and whether it is usable. The stiffnesses
+are the lateral ones of front and rear axle, and the longitudinal one of the driven axle.
+"""
 
 from __future__ import annotations
 
@@ -41,12 +44,15 @@ MAX_ANSWER_STRETCHES = 2  # max number of stretches of road in the answer, count
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last MAX_ANSWER_STRETCHES stretches of road, one
-    for each stiffness. If there are several stretches, a title precedes the lines of
-    each.
+    """Return the lines of the answer.
+
+    A stretch is a part of the drive between two changes of tyres or road. For each of the
+    last MAX_ANSWER_STRETCHES stretches, there are three lines, one for each stiffness. If
+    there are several stretches, a title precedes the lines of each.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness is that
-    of the driven axle, because the filter assumes that the other axle rolls freely.
+    of the driven axle. The filter assumes that the other axle rolls freely, i.e. without
+    longitudinal force, from which its stiffness could be estimated.
     """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
@@ -72,18 +78,19 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
 
 
 def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
-    """Return the stiffness of a stretch of road, and half of its 95 % interval.
+    """Return one stiffness for a stretch of road, and half of its 95 % interval.
 
-    Normally the stiffness is the smoothed value. If there is no smoothed value (particle
-    filters), or if it is not valid although rows of the stretch are valid, the stiffness
-    is the value at the end of the stretch."""
+    Normally this is the value of the smoother. In two cases, it is Verdict.value, the
+    value of the filter (normally the one at the end of the stretch): there is no smoothed
+    value, e.g. with a particle filter, or the smoothed value is not valid, but the value
+    of the filter is."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
 def describe_rest(v: Verdict) -> str:
-    """Return the text of the verdict without the value that compute_held_stiffness()
-    returns. In the report, the text is written next to this value."""
+    """Return the text of a verdict for the report, where it is written next to the value
+    of compute_held_stiffness(). The text therefore does not repeat this value."""
     if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"

@@ -44,8 +44,8 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-# [bytes] At most this much of a file is read as a learnt state, because a learnt state is
-# shorter. A longer file is not a learnt state
+# [bytes] A learnt state is shorter than this. Of a longer file, which cannot be a learnt
+# state, only this much is read, and the library rejects it.
 MAX_LEARNT = 1 << 16
 
 
@@ -76,8 +76,9 @@ class Learnt:
 def read_learnt(path: Path, age: float | None = None) -> Learnt:
     """Read a file that write_learnt() wrote.
 
-    `age` is the time [s] since the drive on which the state was learnt. None: the age of
-    the file is used."""
+    `age` is the time [s] since the drive on which the state was learnt. The library needs
+    it, because the uncertainty of the learnt values grows with time. None: the age of the
+    file is used."""
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_LEARNT)
@@ -94,14 +95,15 @@ def write_learnt(path: Path, data: bytes) -> None:
 
 # ---- Rows as CSV
 #
-# For speed, numbers are converted to text by orjson. Tables with cells that orjson would
-# not write correctly are written by Arrow. For the ten million cells of a long log,
-# pandas takes 8 s, Arrow 1 s and orjson 0.25 s.
+# For speed, numbers are converted to text by orjson. It cannot write all cells as CSV
+# needs them, e.g. very large numbers. A block of rows with such a cell, or with a string
+# that needs quotes, is written by Arrow. For the ten million cells of a long log, pandas
+# takes 8 s, Arrow 1 s and orjson 0.25 s.
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
 # Precision, single ("f") or double ("d") -> range of absolute values for which orjson and
-# Arrow write the same digits
+# Arrow write the same text. If a number other than 0 is outside, Arrow writes the rows.
 SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}
 MAX_WHOLE = 1 << 24  # single precision represents all integers up to this one exactly
 
@@ -141,9 +143,10 @@ def _find_kind(column: Any) -> tuple[str, bool, bool]:
     same : bool
         True if all cells have the same text. Only one cell is then converted.
     plain : bool
-        True if all numbers have a fractional part. If not, some numbers are missing or
-        integers. orjson writes a missing number as "null" and the integer 2 as "2.0", and
-        _join_cells() must replace these strings by "" and "2"."""
+        True if all numbers are present and have a fractional part. The text of orjson is
+        then used unchanged. False: some numbers are missing or integers. orjson writes a
+        missing number as "null" and the integer 2 as "2.0", and _join_cells() replaces
+        these strings by "" and "2"."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
@@ -229,8 +232,8 @@ def _make_arrow(column: Any) -> pa.Array:
 
 ROWS_AT_A_TIME = 64  # number of rows after which Ctrl-C is checked and the progress bar is updated
 BLOCK = 2048  # number of rows that are in memory with all columns at one time
-# Max number of rows of a summary: 87 minutes at 100 Hz. Of longer logs, every n-th row is
-# kept.
+# Max number of rows of a summary (class Summary: the columns that verdicts and events
+# need). It is 87 minutes at 100 Hz. Of longer logs, every n-th row is kept.
 MAX_SUMMARY = 1 << 19
 GROUP = 4 * BLOCK  # number of rows of a row group in a Parquet file
 # columns that are written in double precision, because small differences of large values
@@ -251,7 +254,8 @@ class Estimates:
     table: pd.DataFrame
     interrupted: bool  # True if Ctrl-C ended the run before the last row
     learnt: bytes | None = None  # for NativeFilter.load_learnt(); None: nothing was learnt
-    # result of NativeFilter.uncertainty_sd() after the last row
+    # Result of NativeFilter.uncertainty_sd() after the last row: uncertain setting of the
+    # car -> sd that it adds to each stiffness, relative to the nominal stiffness
     uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
     # status -> number of rows with this status, including rows that are not in the table
     statuses: dict[int, int] = field(default_factory=dict)
@@ -273,8 +277,8 @@ def list_est_fields() -> list[Field]:
 
 
 def _find_generation(name: str) -> int:
-    """Return in which version of EST.csv an output was added: 0 for the first version of
-    the file, 4 for the latest."""
+    """Return the version of EST.csv that first had this output, 0 .. 4. Version 0 is the
+    first, 4 the present one."""
     if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
@@ -307,8 +311,8 @@ def estimate(
     are returned.
 
     `learnt` is the state from which the run starts. `contradicted` must be True if the
-    channels of the log contradict each other. Every valid row is then marked as
-    implausible."""
+    channels of the log contradict each other. In every row, estimates that the filter
+    marks as valid are then marked as implausible instead."""
     tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     state, uncertainty_sd = _run_filter(log, config, take, progress, learnt, contradicted)
@@ -452,8 +456,8 @@ def _run_filter(
 
 
 def mark_implausible(outputs: np.ndarray) -> None:
-    """Replace the reason "valid" by "implausible" in all rows, and set the library's
-    status for implausible rows."""
+    """Replace the reason "valid" by "implausible" in all rows. In the changed rows, also
+    set the status to that of an implausible row."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -517,8 +521,9 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
             file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# Key: column from which verdicts, remarks or events are made. Value: smallest type that
-# holds its values, because up to MAX_SUMMARY rows stay in memory. None: pd.Categorical
+# Key: column that verdicts, remarks or events need. Value: type in which the column stays
+# in memory. It is the smallest type that holds its values, because a summary has up to
+# MAX_SUMMARY rows. None: pd.Categorical.
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
