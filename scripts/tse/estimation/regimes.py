@@ -45,31 +45,35 @@ EVENT_COLUMNS: dict[str, type] = {
 # Columns from which the sd of the ratio (stiffness after / before a change) is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
-# [s] If the times of a change that two rows report differ by at most this, both rows
-# report the same change. Intervals of the same event are joined if the time between them
-# is at most this.
+# [s] Each row reports the time of the last change. If the times from two rows differ by
+# at most this, both rows report the same change. Two intervals of the same fault, or two
+# of sliding, are joined if the time between them is at most this, too.
 MAX_JOINED_GAP = 0.5
 # A change is reported if a stiffness changes by more than this share of its value
 MIN_CHANGE = 0.05
 MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
-# [1/s] Min rate at which the estimates must drift to count as changing. A change begins
-# where they start to drift at this rate. The drift is a share of the whole change.
+# [1/s] Before the filter detects a change, the estimated stiffness drifts towards its new
+# value. The change begins where this drift begins, but a drift slower than CREEP does not
+# count. The rate is the share of the way to the new value that is covered per second
+# (_find_begin()).
 CREEP = 0.01
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of tyres or road.
+    """A change of the stiffness, of road or tyres, that the filter has detected.
 
-    `time` [s] is the time at which the change began. The estimates describe the new road
-    only after the time `believed` [s]. If `believed` is None, they do so after `time`.
-    `ratio` has a pair for each stiffness that the change affects: value after / value
-    before, and the sd of this ratio. The sd is NaN if it is unknown.
+    `time` [s] is the time at which the change began. The filter detects it later. The
+    estimates describe the new stiffness only from the time `believed` [s] on. If
+    `believed` is None, they do so from `time` on. `ratio` has a pair for each stiffness
+    that the change affects: value after / value before, and the sd of this ratio. The sd
+    is NaN if it is unknown.
 
-    `probability` is the probability that nothing has changed since this change: a false
-    change is followed by another one. It is not the probability of the change itself,
-    which the filter does not estimate."""
+    `probability` is the probability that neither a further change nor a sensor fault has
+    begun since this change. A low value indicates a false detection, because the filter
+    corrects a false change by a further one. The filter does not estimate the probability
+    that this change itself is real."""
 
     time: float
     kind: int
@@ -116,11 +120,12 @@ class Spell:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of road from one change to the next, from `start` [s] to `end` [s].
+    """The part of a drive from one change of the stiffness to the next, from `start` [s]
+    to `end` [s].
 
     `rows` are the rows whose estimates describe this stretch. They begin at
-    Change.believed. If short stretches were joined, `rows` are the rows of the
-    longest."""
+    Change.believed. If the stretch was joined from several short ones, `rows` are the
+    rows of the longest of them."""
 
     start: float
     end: float
@@ -128,8 +133,9 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        # The start is slightly negative if the estimates in the first row refer to a time
-        # before the log. It is then rounded to -0.0, and adding 0.0 turns this into 0.0.
+        # The start can be slightly negative, because the estimates in the first row can
+        # refer to a time before the log. A small negative start is rounded to -0.0, and
+        # adding 0.0 turns -0.0 into 0.0.
         start = round(self.start, 1) + 0.0
         return f"{start:.1f} .. {self.end:.1f} s"
 
@@ -213,21 +219,25 @@ def _find_begin(
     """Return the row after which a change began. The filter detected this change only
     after row `before`. The result lies between `first` and `before`.
 
-    Until the filter detects the change, it attributes the new samples to the old road. So
-    the estimated means drift towards the means of the new road, which are those of row
-    `last`. For each row, the drift from this row to row `before` is computed: as a share
-    of the whole change, averaged over the stiffnesses that the change affects. The result
-    is the row with the largest value of drift - CREEP * (time from this row to `before`).
+    Until the filter detects the change, it attributes the new samples to the old
+    stiffness. So the estimated stiffness drifts towards its new value, the estimate in
+    row `last`. For each row i, the drift is the part of the way to the new value that the
+    estimate covers from row i to row `before`: a share of at most 1, averaged over the
+    stiffnesses that the change affects. The result is the row i with the largest value of
+        drift - CREEP * (time of `before` - time of i).
+    The second term excludes a slow drift before the change: an earlier row is chosen only
+    if it adds a drift of more than CREEP per second.
 
-    A mean also moves while the filter still learns the stiffness of the old road. Then
-    its variance decreases. Therefore only the part of the movement that exceeds 1.96
-    times the square root of this decrease counts as drift.
+    The estimate also moves while the filter still learns the old stiffness. Then its
+    variance decreases. Therefore only the part of the movement that exceeds 1.96 times
+    the square root of this decrease counts as drift.
 
     `columns`: columns of EST.csv. `time`: [s] time of each row. `kind`: change_kind."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    # The drift is a share of at most 1, so drift - CREEP * time is negative in rows more
-    # than 1 / CREEP seconds before row `before`. In row `before`, this difference is 0.
-    # Rows with a negative difference cannot be the result, and are left out.
+    # The result is the row with the largest value of drift - CREEP * (time from this row
+    # to row `before`). In row `before`, this value is 0. The drift is at most 1, so the
+    # value is negative in rows more than 1 / CREEP seconds before row `before`. Such rows
+    # cannot be the result, and are left out.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
     drift = np.zeros(max(0, before + 1 - first))
     if not keys or not len(drift):
@@ -303,16 +313,16 @@ def _make_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, 
 
 
 def find_channel_name(number: int) -> str:
-    """Return the name of the channel with this number in the column fault_channel;
-    empty for 0."""
+    """Return the name of the channel that has this number in the column fault_channel.
+    Return an empty string for 0: there is no fault, or its channel is not yet known."""
     channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 
 
 def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """Return the stretches of road between the changes `found`. A stretch shorter than
-    MIN_STRETCH is joined to the next one. The last stretch is joined to the previous one
-    if it is too short."""
+    """Return the stretches of road between the changes `found`. A stretch whose `rows`
+    last less than MIN_STRETCH is joined to the next stretch. If it is the last one, it is
+    joined to the previous stretch."""
     if table.empty:
         return []
     time = estimate_times(table)

@@ -2,8 +2,9 @@
 sds of the filter.
 
 The filter's estimate in a row uses only the rows up to this one. The smoother also uses
-the later rows of the stretch. It does not use rows after the next change of the road,
-because the filter may attribute the change to the wrong axle."""
+the later rows of the stretch. It does not use rows after the next change of the
+stiffness. After a change, the filter may attribute the new stiffness of one axle to the
+other axle. Smoothing across the change would carry this error back into the stretch."""
 
 from collections.abc import Mapping
 
@@ -14,11 +15,10 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min value of (reducible part of the variance / variance) in a row. The reducible part,
-# which later rows can reduce, is the variance minus the part that is common to all rows.
-# compute_fixed_parts() computes the common part at the end of the log. This part may
-# exceed the variance in an earlier row. Without the limit, the reducible part would then
-# be negative.
+# The variance of an estimate is the sum of a part that is common to all rows, and of a
+# part that later rows can reduce. The reducible part is computed as the variance in the
+# row minus the common part at the end of the log (compute_fixed_parts()). This difference
+# may be negative in a row, so the reducible part is at least MIN_FREE times the variance.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -57,8 +57,9 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return, for each stiffness, the part of the relative variance that measurements do
-    not reduce. This part is caused by model error and by uncertain parameters of the car.
+    """Return, for each stiffness, the part of its variance that further measurements do
+    not reduce, divided by the square of the stiffness. This part is caused by model error
+    and by uncertain parameters of the car.
 
     Parameters
     ----------
@@ -67,13 +68,15 @@ def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str,
     config : Config
         Settings of the run.
     parts : mapping
-        Filter.uncertainty_sd() after the last row.
+        Uncertain parameter -> sds that it causes in the three stiffnesses, relative to
+        the nominal stiffness: the result of Filter.uncertainty_sd() after the last row.
 
     Returns
     -------
     dict
-        Stiffness -> relative variance. Empty if no row was used, and for particle
-        filters, whose estimates are not smoothed because they have no random walk.
+        Stiffness -> relative variance. Empty if no row was used. Also empty for particle
+        filters, because their stiffness is not a random walk and cannot be smoothed by
+        smooth_backward().
     """
     used = np.flatnonzero(table["status"].to_numpy() >= 0)
     if config.form or not len(used):
@@ -95,9 +98,10 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     key : str
         Key of the stiffness in STIFFNESS.
     config : Config
-        Settings of the run, of which steady_walk is used.
+        Settings of the run. Only steady_walk is used, the sd of the random walk in 1 s.
     part : float
-        Part of the relative variance that is common to all rows (compute_fixed_parts()).
+        Part of the relative variance that is common to all rows, so that smoothing does
+        not reduce it (compute_fixed_parts()).
 
     Returns
     -------

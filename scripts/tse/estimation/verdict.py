@@ -1,6 +1,6 @@
-"""Make the verdict on each stiffness, grip and sideslip: value, interval, whether it is
-valid or why not, as a sentence for terminal and report. Also make remarks on the sensors
-of the log."""
+"""Make the verdicts on stiffness, grip and sideslip. A verdict is a sentence for terminal
+and report. It states the value, its 95 % interval, and whether the value is valid or why
+it is not. Also make remarks on the sensors of the log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -67,22 +67,26 @@ NOISY = 1.25
 # Reasons of rows in which the filter does not check whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
 # [s] If the channels first contradict each other after more than this driving time, a
-# channel has failed during the drive. If they do so earlier, the whole log is wrong. For
-# exceptions see describe_implausible()
+# channel has failed during the drive, and only the implausible rows are not valid. If
+# they contradict each other earlier, a channel was wrong from the start, and no row is
+# valid. describe_implausible() has the exceptions.
 AGREED = 20.0
-# If more than this share of the driven rows is implausible, the whole log may be wrong.
-# Driven rows are the rows without a reason of STILL.
+# The channels of a whole log contradict each other only if the rows with the reason
+# "implausible" are more than this share of the driven rows. Driven rows are the rows
+# without a reason of STILL. describe_implausible() has the further conditions.
 MIN_IMPLAUSIBLE = 0.5
 # [s] A stiffness counts as valid at the end of the log if its last valid row is at most
 # this time before the end
 RECENT = 1.0
-# The width of an interval is attributed to uncertain parameters of the car if they cause
-# more than UNCERTAIN_SHARE of the variance, and an sd above MIN_UNCERTAIN * stiffness
+# A message names the uncertain parameters of the car as the main cause of the width of
+# the interval of a stiffness, if they cause more than UNCERTAIN_SHARE of the variance of
+# the stiffness, and an sd above MIN_UNCERTAIN times the stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max difference between the estimated lag of the steering angle and the lag in the
-# vehicle file, in prior sds. A larger difference means that a different logger or signal
-# was used.
+# Max plausible magnitude of lag_steer, in units of its prior sd (steer_lag_sd). lag_steer
+# is the estimated lag of the steering angle that remains after the log is corrected by
+# the latencies of the vehicle file. A larger lag means that the log comes from another
+# logger or uses another signal than the one for which the latencies were determined.
 UNLIKELY = 3.0
 # A stiffness counts as valid on a log or stretch if at least this share of its rows is
 # valid
@@ -102,8 +106,9 @@ class Verdict:
     # valid rows
     value: float
     band: float  # half of the 95 % interval
-    # Variation of the stiffness from sample to sample, as a share of the value. NaN if it
-    # cannot be estimated from the log, or if this filter does not estimate it
+    # sd of the stiffness from sample to sample, as a share of the value. Only the
+    # particle filters estimate it. NaN with the default filter, and if the log does not
+    # suffice to estimate it
     spread: float
     nominal: float  # value in the vehicle file
     valid: float  # share of the rows that are valid
@@ -232,14 +237,14 @@ def make_findings(
     return one finding for the whole log.
 
     Stretches are judged separately, because a mean over two roads describes neither of
-    them. On a stretch, the filter forgets no row. So the value at the end of the stretch
-    uses all rows of the stretch, and is the best value of the filter. It is reported with
+    them. The value of the default filter at the end of a stretch is the most accurate one
+    of the stretch, because it uses all rows of the stretch. This value is reported with
     its interval even if no row is valid, next to the smoothed value of the stretch.
 
     `uncertainty_sd` is the result of Filter.uncertainty_sd() after the last row.
-    `contradictions` are the sentences of check_car(). If there is a sentence, no
-    stiffness of the log is valid, because the filter cannot distinguish a permanently
-    wrong channel from a different car."""
+    `contradictions` are warnings that the channels of the log contradict each other or
+    the vehicle file. If there is at least one, no stiffness of the log is valid, because
+    the filter cannot distinguish a permanently wrong channel from a different car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -372,9 +377,11 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a list with one sentence if the estimated lag of the steering angle differs
-    from the lag in the vehicle file by more than UNLIKELY prior sds. Otherwise return an
-    empty list."""
+    """Return a list with one sentence if the magnitude of lag_steer exceeds UNLIKELY
+    prior sds. Otherwise return an empty list.
+
+    lag_steer is the estimated lag of the steering angle that remains after the log is
+    corrected by the latencies of the vehicle file. Negative: the angle is logged late."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -422,10 +429,12 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
     """Return the verdict on one stiffness.
 
     The value is the estimate in the last valid row. If the share of valid rows is below
-    MIN_VALID, the value is the estimate in the last row that was not refused. A particle
-    filter forgets earlier rows, so its estimate in a single row does not represent the
-    log. With a particle filter, the value is therefore the median over the valid rows of
-    the whole log, unless the stiffness changed."""
+    MIN_VALID, the value is the estimate in the last row that was not refused.
+
+    A particle filter gives a row less weight the older it is, so its estimate in a single
+    row does not represent the log. With a particle filter, the value for a whole log is
+    therefore the median over the valid rows. If the stiffness changed in between, the
+    median describes neither value, and the estimate in the last valid row is used."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -484,7 +493,7 @@ def _explain_reason(reason: str, key: str) -> str:
 
 def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
     """Return the most frequent reason of the rows that are not valid, and the share of
-    all rows that have it."""
+    all rows that have this reason."""
     others = table.loc[~valid, f"{key}_reason"].value_counts()  # includes categories with count 0
     others = others[others > 0]
     return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)

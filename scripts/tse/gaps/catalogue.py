@@ -1,4 +1,4 @@
-"""The catalogue of effects in the form that fits use.
+"""The catalogue of effects, with the data that fits need: limits, typical sizes, priors.
 
 An effect is a property of the car, a sensor or the road that the simulation can include,
 such as roll steer or a delay. The library provides the effects from
@@ -62,14 +62,14 @@ class CatalogueParameter:
     # prior sd. It is stated in the vehicle file, or is KNOT_SD for a value of a road
     # profile. None: no prior
     prior: float | None = None
-    # True for a shape that is not fitted, because logs cannot distinguish a change of the
-    # shape from a change of the strength
+    # True for a shape (see above) that keeps its setting in fits, because logs cannot
+    # distinguish a change of the shape from a change of the strength of the effect
     given: bool = False
 
     @property
     def scale(self) -> float:
         """Typical size of the parameter: mean of |typical_low| and |typical_high|. If
-        both are 0, the larger absolute limit.
+        both are 0, the larger of |low| and |high|, the limits of the parameter.
         """
         return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
 
@@ -92,9 +92,9 @@ class Effect:
     parameters: tuple[CatalogueParameter, ...]
     # how often cars have the effect: column `occurrence` of src/tables/effects.toml
     occurrence: str = "SENSOR"
-    # Title that replaces `title` if the fitted strength is below early_below. Such a
-    # value is not an effect of the car, but a latency of messages or a low pass of the
-    # IMU. Empty if the effect has no such range.
+    # Title that replaces `title` if the fitted strength is below early_below. A strength
+    # below this limit does not come from the car, but from a latency of messages or a low
+    # pass of the IMU. Empty if every strength of the effect can come from the car.
     early: str = ""
     early_below: float = 0.0
 
@@ -104,8 +104,8 @@ class Effect:
 
     @property
     def shapes(self) -> tuple[CatalogueParameter, ...]:
-        """The shapes that can be fitted, because logs can distinguish a change of them
-        from a change of the strength. Other shapes keep their settings.
+        """The shapes that can be fitted: logs can distinguish a change of such a shape
+        from a change of the strength. The other shapes keep their settings.
         """
         return tuple(p for p in self.parameters if not p.strength and not p.given)
 

@@ -139,7 +139,8 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
 
     def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
         """Return the speed [m/s] over time if the car alternately accelerates and brakes
-        with `depth` [m/s2]. The mean speed is v.
+        with `depth` [m/s2]. The mean speed is v, unless the speed would fall below
+        3.5 m/s. It is then limited to 3.5 m/s.
         """
         acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / PLANNED_STEP)
         speed = v + cumulative_trapezoid(acceleration, dx=PLANNED_STEP, initial=0.0)

@@ -16,8 +16,9 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
 # Max ratio of residual rms to sensor noise at which the model counts as explaining a
-# channel. It is above 1, because the noise is known only to a few percent and because
-# the inputs are smoothed.
+# channel. It is above 1, because the noise is known only to a few percent, and because
+# the inputs of the simulation are smoothed: the fast parts of the motion that the
+# smoothing removes remain in the residuals.
 NOISE_LIMIT = 1.2
 MAX_LAG = 4.0  # [s] largest lag for which autocorrelations are computed
 TOLERANCE = 0.0001  # relative change of the sum of squares below which a fit ends
@@ -93,10 +94,11 @@ def fit_parameters(
 
 
 def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the integrated autocorrelation time of each channel's residuals, in blocks.
+    """Return the integrated autocorrelation time of each channel's residuals.
 
-    This time is the number of correlated blocks that together have the information of one
-    independent block. It is at least 1.
+    A residual is the mean over a block, the rows of BLOCK_TIME. The autocorrelation time
+    is counted in blocks: it is the number of consecutive, correlated residuals that
+    together have the information of one independent residual. It is at least 1.
     """
     found = {}
     for channel, _ in problem.used():
@@ -119,8 +121,8 @@ def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict
 
 
 def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the ratio of residual rms to sensor noise for each channel. It is 1 if the
-    residual is noise only.
+    """Return the ratio of residual rms to sensor noise for each channel. The ratio is
+    about 1 if the residuals are noise only.
     """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
@@ -129,9 +131,11 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
     """Return, for each channel, the sum of squared residuals minus the sum expected from
     sensor noise; 0 if the difference is negative.
 
-    If the noise sd of a channel was below a lower limit, it was raised to this limit. The
-    expected sum is computed from the original noise sd, so that the raise does not reduce
-    the gap.
+    The difference is the gap: the error that the model leaves. Residuals are divided by
+    the noise sd of their channel. If this sd was below a lower limit, it was raised to
+    the limit, so the expected square of a residual is less than 1. The expected sum is
+    therefore computed from the original noise sd. With 1 for each residual, the expected
+    sum would be too large, and the gap too small.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
@@ -183,8 +187,9 @@ def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> d
     """Compare two models, and return channel -> change of the residuals.
 
     `before` and `after` are the whitened residuals of the first and the second model in
-    the same logs. The 95 % interval of the change comes from a bootstrap with a fixed
-    seed. Each sample consists of the same blocks for both models.
+    the same logs. The change is that of the rms of the residuals, after / before - 1. Its
+    95 % interval comes from a bootstrap over blocks of the length TOGETHER, with a fixed
+    seed. Each bootstrap sample uses the same blocks for both models.
     """
     rng = np.random.default_rng(SEED)
     found = {}

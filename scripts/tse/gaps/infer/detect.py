@@ -35,9 +35,9 @@ class Detectable:
     unit: str
     smallest: float  # inf if the effect is not visible at any size within its limits
     typical: float
-    # Share of the effect that is not visible, because the stiffness and the effects in
-    # the fit can compensate it. It is a share of the mean square of the change of the
-    # residuals by the effect.
+    # The effect changes the residuals. Stiffness and the effects in the fit can
+    # compensate a part of this change, which is therefore not visible. `absorbed` is the
+    # mean square of this part / mean square of the whole change.
     absorbed: float
 
     @property
@@ -49,8 +49,8 @@ class Detectable:
 def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
     """Return the smallest visible size of each effect.
 
-    If an effect has several strengths, the size is given for one of them: the one whose
-    ratio of visible to typical size is smallest.
+    If an effect has several strengths, the size is given for only one of them. It is the
+    strength with the smallest ratio (smallest visible size / typical size).
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]

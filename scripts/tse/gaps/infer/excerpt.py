@@ -29,13 +29,14 @@ from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
-# [s] Length of the pieces into which logs are cut for the choice: one or two manoeuvres.
-# The first BURN_IN of each piece is not compared.
+# [s] Length of the pieces into which logs are cut, and from which the most informative
+# are chosen: one or two manoeuvres. In the first BURN_IN of each piece, simulation and
+# measurement are not compared, because the initial state is unknown.
 EXCERPT_PIECE_TIME = 15.0
-# sd of the residuals in the information matrix of a piece, in units of the sensor noise
-# of a block. It is far above 1, because it stands for the errors of the model, too. With
-# a smaller sd, the first few pieces would determine all parameters, and the choice of the
-# later pieces would be arbitrary.
+# Assumed sd of the residuals in the information matrix of a piece, in units of the noise
+# of the residuals. It is far above 1, because residuals also contain the errors of the
+# model. With a smaller sd, the first few pieces would determine all parameters. All later
+# pieces would then add little information, and the choice among them would be arbitrary.
 ENTRY_SD = 30.0
 
 
@@ -80,8 +81,9 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
     """Return the indices of the most informative pieces, in the order of their choice.
 
     `information` and `seconds` have the information matrix and the length of each piece.
-    Pieces are added until their total length reaches `limit`. The information of the
-    prior is the identity matrix.
+    Pieces are added until their total length reaches `limit`. The sum of the information
+    matrices starts with that of the prior. It is the identity matrix, because parameters
+    are in units of their prior sds.
     """
     total = np.eye(len(information[0])) if information else np.zeros((0, 0))
     left, chosen, length = list(range(len(information))), [], 0.0
@@ -95,7 +97,8 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
 
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
     """Cut the stretches of a log into pieces of the length EXCERPT_PIECE_TIME and return
-    them. Each piece is simulated on its own, so its first BURN_IN is not compared."""
+    them. Each piece is simulated on its own, from an unknown initial state. So simulation
+    and measurement are not compared in its first BURN_IN."""
     found = []
     length = round(EXCERPT_PIECE_TIME / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block

@@ -40,22 +40,25 @@ from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
 # [nat] Price that is subtracted from the gain of a formula for each of its operations and
-# each of its numbers. The price compensates for the number of formulas that are tried
-# (multiple comparisons). This number is the product of the numbers of forms, places and
-# start values, and its ln is about 12.
+# each of its numbers. It compensates for multiple comparisons: among n formulas that only
+# fit noise, the best one gains about ln n. n is the number of forms times the number of
+# places times the number of start values, and ln n is about 12. A formula with six
+# operations and numbers in total pays this amount.
 PRICE = 2.0
 FITTED = 6  # max number of candidates, i.e. of formulas that are simulated
 PER_PLACE = 3  # max number of candidates that act at the same place
-# If the gap at the start of a fit is more than MAX_WORSE times the gap without a formula,
-# the form is not fitted.
+# A formula is not fitted if the gap at the start of its fit is more than MAX_WORSE times
+# the gap without a formula. The gap is the sum of squared residuals minus the sum
+# expected from sensor noise.
 MAX_WORSE = 100.0
 MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
-# If the rms of a channel of the held-out logs rises significantly by more than this
-# share, the formula is not proposed.
+# A formula is not proposed if it increases the residual rms of a channel of the held-out
+# logs by more than this share, with the whole 95 % interval of the increase above it
 MIN_HARM = 0.01
 MAX_FORM_EVALUATIONS = 15  # max number of evaluations of the residuals in one fit
 FORMS_AT_A_TIME = 64  # number of forms that are compared at a time, which limits the memory
-# [%] The driven range of a signal extends from percentile HALF to percentile 100 - HALF.
+# [%] The range that a signal had in the logs is stated with a formula. It extends from
+# percentile HALF of the signal to percentile 100 - HALF.
 HALF = 0.5
 
 
@@ -103,8 +106,8 @@ class Frame:
     values: dict[str, float]  # the values of `last`
     length: dict[str, float]  # result of compute_correlation_lengths()
     at: list[dict[str, np.ndarray]]  # result of compute_signals()
-    # gap that remains without a formula, from compute_excess(); formulas are compared
-    # with it
+    # gap without a formula, from compute_excess(). The share of the gap that a formula
+    # closes is a share of this gap.
     full: float
 
     @classmethod
@@ -138,8 +141,9 @@ def compute_worth(
     """Return the gain in log likelihood [nat] if the residuals change from `before` to
     `after`.
 
-    `length` is the correlation length of each channel: the number of blocks that together
-    have the information of one independent block.
+    `length` is the correlation length of the residuals of each channel: the number of
+    consecutive residuals that together have the information of one independent residual
+    (compute_correlation_lengths()).
     """
     total = 0.0
     for c, mine in problem.used():
@@ -179,8 +183,11 @@ def discover_formula(
 
 
 def _list_places(problem: Problem) -> list[str]:
-    """Return the places at which a formula can be fitted. Lateral places need accel_y and
-    yaw_rate in the logs. A place that is a sensor needs the channel of this sensor.
+    """Return the places of the model at which a formula can be fitted to these logs.
+
+    At the places of terms.LATERAL, such as the yaw moment, this needs accel_y and
+    yaw_rate in the logs. A place can also be the output of a sensor, such as accel_x. The
+    logs then need the channel of this sensor.
     """
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
@@ -191,8 +198,9 @@ def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return at most FITTED candidates, those with the largest gain. At most PER_PLACE of
-    them act at the same place. If `listed` has a form at a place several times, with
-    different start values of its numbers, only the best one is used.
+    them act at the same place. `listed` can have the same form at the same place several
+    times, with different start values of its numbers. Of these, only the one with the
+    largest gain is used.
 
     `listed` has the results of screen_forms(), sorted by falling gain.
     """
@@ -216,9 +224,11 @@ def _choose_diverse(
 
 def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return for each form at a place: (expected gain - price [nat], place, form,
-    coefficient).
+    coefficient). A form is a formula without its coefficient.
 
-    Stiffness and named effects are fitted together with the coefficient.
+    The coefficient is fitted to the residuals in the linearised model, together with
+    stiffness and named effects. The gain is the increase of the log likelihood. The price
+    is the penalty for the length of the form (compute_price()).
     """
     known, found = terms.list_forms(place), []
     for k in range(0, len(known), FORMS_AT_A_TIME):

@@ -4,8 +4,11 @@ coefficient, for example abs(accel_x)*yaw_rate.
 There are three kinds of forms: a signal of the car's motion times a factor that depends
 on speed, acceleration or steering; a nonlinear function of a signal; and a signal changed
 by play, dead time, lag, a second-order mode or a rate limit. A form may contain numbers,
-such as a time constant, which are tried with several start values. Each form has a unit.
-The unit of its coefficient is the unit of the place divided by the unit of the form.
+such as a time constant, which are tried with several start values.
+
+The value of a formula is added at a place of the model: a quantity such as the yaw moment
+or the output of accel_y. A formula is the coefficient times the form. So the unit of the
+coefficient is the unit of the quantity at the place divided by the unit of the form.
 """
 
 from __future__ import annotations
@@ -218,7 +221,7 @@ def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
 
 
 def make_lateral_forms() -> list[FormulaTerm]:
-    """Return the forms for the places of LATERAL.
+    """Return the forms that are tried at the places of LATERAL, such as the yaw moment.
 
     Most forms have opposite signs in left and right turns. The other forms have the same
     sign in all turns, so they push the car always to the same side. These other forms
@@ -245,7 +248,7 @@ def make_lateral_forms() -> list[FormulaTerm]:
 
 
 def make_longitudinal_forms() -> list[FormulaTerm]:
-    """Return the forms for the places of LONGITUDINAL."""
+    """Return the forms that are tried at the places of LONGITUDINAL."""
     found = [
         _multiply_terms(FormulaTerm(PULL.text, PULL.unit), m)
         for m in make_modulators()
@@ -270,8 +273,8 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     return found
 
 
-# place -> forms that are not tried at this place, because they describe effects of the
-# catalogue or latencies:
+# place of the model -> forms that are not tried at this place. There they would describe
+# the following effects of the catalogue, or latencies:
 #   accel_x      imu_scale_ax, pitch_leak, latency of accel_x
 #   accel_y      imu_scale_ay, body_roll, latency of accel_y
 #   yaw_rate     gyro_scale
@@ -300,7 +303,8 @@ def list_forms(place: str) -> list[FormulaTerm]:
 
 
 def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
-    """Return the formula `coefficient` times `term`, which acts at `place`.
+    """Return the formula `coefficient` times `term`. Its value is added to the quantity
+    of the model that `place` names, such as "yaw_moment".
 
     Raises
     ------
@@ -321,8 +325,9 @@ def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.
 
     `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """
-    # A Formula needs a place, but the place has no influence on the values. The unit of
-    # front_angle is rad, so the unit of the coefficient is 1 / (unit of the form).
+    # A Formula needs a place of the model. The place has no influence on the values, but
+    # on the unit of the coefficient: it is the unit of the place divided by that of the
+    # form. front_angle is an angle in rad, so the coefficient has 1 / (unit of the form).
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

@@ -90,8 +90,9 @@ def make_superelevation() -> Effect:
     """Return the superelevation of the road in its curves as an effect.
 
     Superelevation is one number: the share of the lateral acceleration in a curve that
-    the bank provides. This bank is added to the profile of the bank. A model without
-    superelevation would take this bank for a scale error of accel_y.
+    the bank of the road provides. So the bank from superelevation is proportional to the
+    lateral acceleration. The bank of the road profile is added to it. A model without
+    superelevation would explain the proportional bank by a scale error of accel_y.
     """
     bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
@@ -116,12 +117,12 @@ class Hypothesis:
         return self.effect.id
 
     def compute_ln_prior(self, values: Mapping[str, float]) -> float:
-        """Return ln of the prior density of the effect's strengths, in their units.
+        """Return ln of the joint prior density of the effect's strengths at `values`.
 
         The strength that is largest relative to its typical size has the prior of
-        compute_ln_size_prior(). The other strengths are normal with the sd OTHER_SD. But
-        if the vehicle file states an sd for the effect, all strengths are normal, as in
-        fit_prior().
+        compute_ln_size_prior(). The other strengths have normal priors whose sd is
+        OTHER_SD times their typical size. But if the vehicle file states an sd for the
+        effect, all strengths have the normal priors of fit_prior().
         """
         strengths = self.effect.strengths
         if strengths[0].prior:
@@ -202,11 +203,13 @@ def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]
 
 
 def compute_threshold(effects: int) -> float:
-    """Return the log likelihood ratio [nat] that an effect needs to be named, if
-    `effects` effects may be missing.
+    """Return the log likelihood ratio [nat] that an effect needs to be named as missing.
 
-    It is the sum of ln of the prior odds against the effect, ln of the odds of NAME_AT,
-    and SIZE_COST.
+    `effects` is the number of candidates: effects that the model may lack. The prior mean
+    of the number of missing effects is EXPECTED, so each candidate is missing with the
+    prior probability EXPECTED / effects. The ratio must outweigh these odds and raise the
+    probability to NAME_AT. It is the sum of ln of the prior odds against the effect, ln
+    of the odds of NAME_AT, and SIZE_COST.
     """
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
@@ -215,9 +218,9 @@ def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior that a parameter has in a fit.
 
     If the vehicle file states a prior, this prior is used. Otherwise the prior of a
-    strength is wide, because its size is judged only after the fit
-    (compute_ln_size_odds()). The prior of a shape has the middle of the typical range as
-    mean, and half the width of this range as sd.
+    strength is wide, because its plausible sizes are taken into account only after the
+    fit (search.compute_ln_size_odds()). The prior of a shape has the middle of the
+    typical range as mean, and half the width of this range as sd.
     """
     if p.prior:
         return p.default, p.prior

@@ -27,20 +27,22 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# Min probability of a look-alike, relative to the probability that the named effect or
-# any effect in its place is missing. The limit is low, because the evidence has an error
-# of about 2 nats. For example, the evidence for mass and that for yaw inertia differ by
-# 2 nats, although no log can distinguish these two effects.
+# In other sets of effects, other effects can replace a named effect. Such an effect is
+# reported as a look-alike if its probability is at least ALIKE_AT times the probability
+# that the named effect or any of its replacements is missing. The factor is small,
+# because the evidence has an error of about 2 nats. For example, the evidence for mass
+# and that for yaw inertia differ by 2 nats, although no log can distinguish them.
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
-# A named effect must close at least this share of the gap that the other named effects
-# leave. A road profile must close at least this share of the gap in its own channel
-# (ROAD_CHANNEL). Superelevation is named even if it closes less.
+# The gap is the sum of squared residuals minus the sum expected from sensor noise. A
+# named effect must close at least MIN_CLOSED of the gap that the other named effects
+# leave. A road profile must close at least MIN_CLOSED of the gap of the channel in which
+# it is visible (ROAD_CHANNEL). Superelevation is named even if it closes less.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
-# If the named effects of the car close more than this share of the gap that the roads
-# leave, the verdict is that these effects are what is missing, even if they leave a
-# remainder.
+# Bank and grade of the roads close a part of the gap. If the named effects of car and
+# sensors close more than MIN_NAMED of the rest of the gap, the verdict is that the model
+# lacks these effects, even if a part of the gap remains.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
 MAX_SETS = 8  # max number of sets that are reported with their probability
@@ -60,8 +62,9 @@ class Named:
     evidence: float  # [nat] log evidence for the set with the effect against the set without it
     probability: float = 1.0  # probability that the effect is missing
     look_alikes: list[str] = field(default_factory=list)  # ids of effects
-    # share that this effect closes of the gap left by the other named effects. It is
-    # computed in pieces of the logs that were left out of the fit (folds.py).
+    # The other named effects leave a gap. `alone` is the share of this gap that the
+    # effect closes, computed in pieces of the logs that were left out of the fit
+    # (folds.py).
     alone: float = 1.0
     # probability that this effect, or an effect that replaces it in other sets, is
     # missing
@@ -124,8 +127,8 @@ class Naming:
 
     @property
     def closes_most(self) -> bool:
-        """True if the named effects of the car close more than MIN_NAMED of the gap that
-        the roads leave.
+        """True if the named effects of car and sensors close more than MIN_NAMED of the
+        gap that is left after bank and grade of the roads have closed their part.
         """
         roads = sum(n.share for n in self.named if n.effect.id in (*PROFILES, SUPERELEVATION))
         return self.closed - roads > MIN_NAMED * max(1.0 - roads, 0.0)
@@ -138,8 +141,13 @@ def name_effects(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """Search for the missing effects. An effect is named if it, or an effect that
-    replaces it in other sets, is missing with a probability of at least NAME_AT.
+    """Search for the set of missing effects, and name those that are certain enough.
+
+    The search computes the probabilities of many sets of effects. An effect of the most
+    probable set is named if it, or an effect that replaces it in other sets, is missing
+    with a probability of at least NAME_AT. A named effect loses its name if its size is
+    negligible, if its 95 % interval includes the default, with which there is no effect,
+    or if it closes too little of the gap (MIN_CLOSED).
 
     Parameters
     ----------
@@ -165,7 +173,8 @@ def name_effects(
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
         # The sizes come from a fit of the named effects only (`sized`). The widths of the
-        # intervals come from `final`, so they include the influence of other effects.
+        # intervals come from `final`. In that fit, all other effects may have sizes up to
+        # about their negligible size, so the intervals include the influence of these.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.compute_sd())}
@@ -226,11 +235,12 @@ def fit_plain_car(problem: Problem) -> Fit:
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
     """Return the road profiles as named effects.
 
-    `level` and `on_road` are fits of the car without effects, on level roads and on the
-    roads that were found. The gap of each profile's own channel (ROAD_CHANNEL) is smaller
-    with `on_road` than with `level`. This difference is the gap that the profile closes.
-    If it is less than MIN_CLOSED of the channel's gap on level roads, the profile is not
-    named.
+    `level` and `on_road` are fits of the car without effects: `level` on level roads, and
+    `on_road` on roads with the bank and grade that were estimated from the logs. Each
+    profile is judged in the channel in which it is visible (ROAD_CHANNEL). The gap of
+    this channel is smaller with `on_road` than with `level`. The difference is the gap
+    that the profile closes. If it is less than MIN_CLOSED of the channel's gap with
+    `level`, the profile is not named.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -318,9 +328,9 @@ class Probability:
     def in_place(self, effect: str) -> dict[str, float]:
         """Return the effects that replace `effect` in other sets, as id -> probability.
 
-        An effect replaces `effect` if it is in a set without `effect`, but not in the
-        best set. The probability of the replacing effect is the sum of the probabilities
-        of all sets that contain it, but not `effect`.
+        Another effect replaces `effect` if it is not in the best set, but in a set
+        without `effect`. The probability of the replacing effect is the sum of the
+        probabilities of all sets that contain it and do not contain `effect`.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -373,9 +383,10 @@ def _make_named(
     """Return an effect as a named effect, with its evidence and the shares of the gap
     that it closes.
 
-    `h` is the effect. `final` is the fit in which all effects that are not named may have
-    small sizes. `plain` is the fit of the named effects only, and `last` is `plain`
-    converted to a Fit. `full` is the gap of the car without effects.
+    `h` is the effect. `final` is the fit of all effects, in which a narrow prior keeps
+    those without a name at about their negligible size or below. `plain` is the fit of
+    the named effects only, and `last` is `plain` converted to a Fit. `full` is the gap of
+    the car without effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
@@ -398,9 +409,10 @@ def _make_sized_name(
 ) -> Named:
     """Return a named effect with size, interval, probability and look-alikes.
 
-    The size comes from `judged`. The width of the interval comes from `rough`, a fit in
-    which effects outside the set may have small sizes. If `rough` is None, the width
-    comes from `judged`, too.
+    The size comes from `judged`, the fit of the named effects only. The width of the
+    interval comes from `rough`, the fit of all effects, in which a narrow prior keeps
+    those without a name at about their negligible size or below. If `rough` is None, the
+    width comes from `judged`, too.
     """
     sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}

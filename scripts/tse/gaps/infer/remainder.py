@@ -24,8 +24,8 @@ LOCAL = 0.15
 # channel -> sd of the random walk of the bias of a MEMS sensor [m/s2/sqrt(s),
 # rad/s/sqrt(s)]
 WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}
-# [s] Max correlation time of the noise of a sensor with a low pass. Errors of the car or
-# the road have longer correlation times.
+# [s] Max correlation time at which a residual still counts as noise of a sensor that has
+# a low pass (is_noise()). Errors of the car or the road have longer correlation times.
 MEMORY = 0.12
 
 
@@ -88,7 +88,8 @@ def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
 def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
     """Return the residual with single outliers replaced by the mean of their neighbours.
 
-    An error in a single block of 40 ms cannot come from a motion of the car.
+    An outlier in a single block of 40 ms is an error of the sensor: motions of the car
+    last longer.
     """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
@@ -127,9 +128,9 @@ def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     """Return whether a residual is the noise of a sensor with a low pass.
 
-    Such noise has a constant variance, a short correlation time and no oscillation.
-    Errors of the car or the road have a variance that changes with the driving, a long
-    correlation time, or oscillate.
+    Such noise has a constant variance and a short correlation time, and does not
+    oscillate. An error of the car or the road violates at least one of these conditions:
+    its variance changes with the driving, its correlation time is long, or it oscillates.
     """
     most = round(1.0 / BLOCK_TIME)
     c, energies = np.zeros(most + 1), []
