@@ -189,7 +189,9 @@ def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
         rivals.name, "drop_names", lambda _p, _n, names, why: kept.append((names, why)) or nothing
     )
     _, names, _ = rivals.explain_remainder(make_one_log_problem(), None, one, lambda _: None)
-    assert not names.named and kept == [(frozenset(), "the names together close less than 20 % of the gap")]
+    assert not names.named and kept == [
+        (frozenset(), "the named effects together close less than 20 % of the gap")
+    ]
 
 
 def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):

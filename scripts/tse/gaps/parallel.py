@@ -1,5 +1,5 @@
-"""Run work in parallel in forked copies of this process, if threads would mostly wait for
-Python's global interpreter lock.
+"""Run work in parallel in forked copies of this process. It is meant for work in Python
+code, for which threads would mostly wait for Python's global interpreter lock.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-# The function to run and the list of its arguments. A copy is a forked process, in which
-# this variable has the same value as in the parent process. The function cannot be sent
-# to a copy as an argument, because it may be a closure, which pickle does not accept.
+# The function that the forked processes run, and the list of its arguments. A forked
+# process is a copy of this one, so this variable has the same value in it. The function
+# cannot be sent to the copy as an argument, because it may be a closure, which pickle
+# does not accept.
 _work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
 _copy = False  # True in a forked copy, False in the parent process
 
@@ -32,10 +33,12 @@ def run_in_processes(
 
     Each process is a forked copy of this one. It applies `light` to each result and sends
     back what `light` returns, for example the result without large arrays. All other
-    changes that a copy makes in memory are lost. On systems other than Linux, threads are
-    used instead. Their changes in memory are kept, and `light` is not applied to their
-    results. So `do` must not rely on changes in memory, and the caller must accept
-    results with and without `light`.
+    changes that a copy makes in memory are lost.
+
+    There are no copies if `jobs` is 1, if there are fewer than two arguments, if this
+    process is itself a copy, or on systems other than Linux, where threads are used.
+    Changes in memory are then kept, and `light` is not applied. So `do` must not rely on
+    changes in memory, and the caller must accept results with and without `light`.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

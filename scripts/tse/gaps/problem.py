@@ -1,11 +1,14 @@
-"""Compare the measurements of all logs with a simulation. The difference, divided by the
-sd of the sensor noise, is the residual.
+"""Compare the measurements of all logs with a simulation. A residual is the difference
+between measurement and simulation, minus the bias of the sensor, divided by the sd of the
+sensor noise.
 
-Stiffness and effect parameters have one value for all logs. The bias of each sensor has
-one value for each log. It is computed in closed form, because residuals are linear in
-it. Measurements and simulation are averaged over blocks of 40 ms before they are
-compared, and the difference is divided by the sd of the noise of such a mean. With a
-perfect model the residuals have variance 1.
+Measurements and simulation are averaged over blocks of 40 ms before they are compared.
+The sd is that of the noise in such a mean. So with a perfect model the residuals have
+variance 1.
+
+A stiffness or a parameter of an effect has one value for all logs. The bias of a sensor
+has one value for each log. The residuals are linear in the bias. So the bias needs no
+iteration: it is the weighted mean of measurement minus simulation.
 """
 
 from __future__ import annotations
@@ -33,8 +36,9 @@ STIFFNESS_PARAMETERS = tuple(
 )
 
 
-# Names of fitted latencies [s], which are added to the latencies of the vehicle file.
-# They are not settings of the simulation, but shift channels of the log in time.
+# Names of the latencies [s] that a fit may add to the latencies of the vehicle file. They
+# are not passed to the simulation as settings (make_config()). Instead, the channels are
+# shifted in time by them (get_latencies()).
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 
 
@@ -56,8 +60,8 @@ class Rows:
 
 
 class Problem:
-    """The comparison of all logs with one model. Several threads may simulate at the same
-    time, because simulations change no common data.
+    """Logs, a car, and the comparison of the logs with simulations of this car. Several
+    threads may simulate at the same time, because simulations change no common data.
     """
 
     def __init__(self, logs: Sequence[PreparedLog], config: Config, jobs: int = 1):
@@ -105,8 +109,9 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
-        """Return the parameters of an effect that are strengths (CatalogueParameter). For
-        bank or grade, these are the values of the profile at all knots of all logs.
+        """Return the strengths of an effect, i.e. its parameters that state a size
+        (CatalogueParameter). For bank or grade, these are the values of the profile at
+        all knots of all logs.
         """
         if effect.id not in PROFILES:
             return effect.strengths
@@ -205,10 +210,11 @@ class Problem:
     # ---- residuals
 
     def make_config(self, values: Mapping[Key, float]) -> Config:
-        """Return the settings of the simulation with these values of the effects.
+        """Return the settings of the simulation with these values of the parameters.
 
-        Stiffness and delays have their nominal values in the result, because simulate()
-        gets them as separate arguments from get_stiffness_ratios() and get_latencies().
+        Stiffnesses, latencies and delays in `values` do not change the settings.
+        simulate() gets them as separate arguments, which get_stiffness_ratios() and
+        get_latencies() compute from `values`.
         """
         values = drop_log_values(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *list_signed_delays()}
@@ -223,12 +229,15 @@ class Problem:
         """Return for each channel the latency [s] that is added to its latency in the
         vehicle file.
 
-        A channel with the latency L has at time t the value of t - L, so an input of the
-        simulation is read at t + L. The fitted delays of steering and IMU are converted
-        to latencies of the inputs. If the IMU is delayed by D, its values at time t
-        belong to the inputs at t - D. So all inputs (steering angle and wheel speeds) get
+        A channel with the latency L has at time t the value of t - L. So an input of the
+        simulation that has the latency L is read from the log at t + L.
+
+        The fitted delays of steering and IMU are converted to latencies of the inputs. If
+        the IMU is delayed by D, its values at time t belong to the inputs at t - D. All
+        inputs (steering angle and wheel speeds) must then be read at t - D, so they get
         the latency -D. If the steering is delayed by D, the wheels have at time t the
-        angle that was logged at t - D. So the steering angle gets the latency -D, too.
+        angle that was logged at t - D. The steering angle must then be read at t - D, so
+        it gets the latency -D as well.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
@@ -334,8 +343,9 @@ class Problem:
         second is the result of predict().
 
         A change is `reach` times the step of the parameter. Each simulation changes one
-        parameter. Only for road profiles, each simulation changes one knot in every log,
-        because a profile has no influence on the residuals of other logs.
+        parameter. The exception are the knots of road profiles. A knot influences only
+        the residuals of its own log, so one simulation changes a knot in every log at
+        once.
         """
 
         def shifted(p: CatalogueParameter) -> float:

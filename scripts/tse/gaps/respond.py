@@ -1,9 +1,11 @@
-"""Compute how a disturbance at one place of the model, such as a yaw moment, changes the
-simulated channels. Many disturbances are computed at once.
+"""Compute how a disturbance at one place of the model changes the simulated channels. A
+place is a quantity of the model to which a disturbance is added, such as the yaw moment.
+Many disturbances are computed at once.
 
 The single-track model is linearised about straight driving at the current speed, and
-integrated with one step per block. This is accurate enough to choose the disturbances
-that are then simulated with the full model.
+integrated with one step per block. This is accurate enough to compare disturbances with
+each other. The formulas that are best in this comparison are then simulated with the full
+model.
 """
 
 from __future__ import annotations
@@ -17,9 +19,9 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-# A place at which disturbances can act, but formulas cannot. The disturbance is the
-# component of gravity [m/s2] along a banked road. It accelerates the car sideways, but
-# accelerometers do not measure it.
+# Place of the model at which only disturbances are computed. It is not one of the places
+# of formulas. The disturbance is the component of gravity [m/s2] along a banked road. It
+# accelerates the car sideways, but accelerometers do not measure it.
 ROAD_BANK = "bank"
 # quantities of the simulation that compute_signals() uses
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
@@ -78,9 +80,10 @@ def compute_responses(
     `place`, for each of several forms. A form is a formula without its coefficient.
 
     The result has a row for each residual and a column for each form. `values` are the
-    fitted parameters, and `at` is the result of compute_signals(). `forms` has one array
-    for each log. It contains the values of the forms in the unit of the place, and has
-    the shape (blocks, forms).
+    fitted parameters, and `at` is the result of compute_signals(). `place` is the
+    quantity of the model to which the disturbance is added, such as "yaw_moment". `forms`
+    has one array for each log, with the shape (blocks, forms). It contains the values of
+    the forms in the unit of the disturbance.
     """
     c, rows = problem.make_config(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
@@ -98,10 +101,12 @@ def compute_responses(
 def _move_simulation(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return how the disturbances `u` at a place change the simulated channels of one
-    log: channel -> array of the shape of `u`, (blocks, disturbances).
+    """Return how disturbances `u` at the quantity `place` of the model change the
+    simulated channels of one log. The result is a dict: channel -> array of the shape of
+    `u`, (blocks, disturbances).
 
-    `k` has the ratio of each stiffness to its setting. `s` has the signals of the log.
+    `k` has the ratio of each stiffness to its value in `c`. `s` has the signals of the
+    log from compute_signals().
     """
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
@@ -109,9 +114,10 @@ def _move_simulation(
     # mean of each disturbance over the time step that ends at each block
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
     if place == "force_x":
-        # x is the change of the car's speed. The wheel speeds are prescribed, so a change
-        # of the car's speed changes the slip, whose force counteracts the change:
-        # dx/dt = u - along x / (m v). `along` is the stiffness of both axles together.
+        # u is the disturbance [m/s2], x the change of the car's speed that it causes. The
+        # wheel speeds are prescribed, so x changes the slip by -x / v. The tyre force of
+        # this slip counteracts the change: dx/dt = u - along x / (m v). `along` is the
+        # sum of the longitudinal stiffnesses of both axles.
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])

@@ -1,26 +1,28 @@
-"""Decide between named effects, a formula, or both.
+"""Decide whether named effects, a formula, or both explain the logs.
 
-If named effects leave most of the gap, or close it only because they are many, they may
-imitate an effect that is not in the catalogue. Therefore three combinations are compared,
-called worlds here: the named effects alone, the named effects with a formula for the
-remaining residuals, and a formula without named effects. The ln probability of a world
-is, up to a constant,
+The gap is the sum of squared residuals minus the sum expected from sensor noise
+(fit.compute_excess()). Named effects may leave most of the gap. Or they may close it only
+because they are many. In both cases they may merely imitate an effect that is not in the
+catalogue. Therefore three combinations are compared, called worlds here: the named
+effects alone, the named effects with a formula for the residuals that they leave, and a
+formula without named effects. The ln probability of a world is, up to a constant,
 
     sum over channels of ln likelihood of the residuals (search.py) - price.
 
 The price penalises the complexity of a world. It is the sum of the prices of its named
-effects and of its formula. The price of a named effect is SIZE_COST minus ln of its prior
-odds (hypotheses.py). The price of a formula is the price of its length
-(formula_search.py) minus ln of the prior odds that the missing effect is not in the
-catalogue (OUTSIDE).
+effects and of its formula. The price of a named effect is SIZE_COST, because its size was
+fitted, minus ln of its prior odds (hypotheses.py). The price of a formula is the price of
+its length (formula_search.py) minus ln of the prior odds that the missing effect is not
+in the catalogue (OUTSIDE).
 
-The likelihood includes the residuals of the held-out logs, with the values fitted to the
-other logs. An effect stays named if the worlds in which it is named have a total
-probability of at least NAME_AT.
+The likelihood is computed from the residuals of the fitted logs and of the held-out logs.
+The held-out logs are simulated with the values that were fitted to the other logs. An
+effect keeps its name only if the worlds in which it is named have a total probability of
+at least NAME_AT.
 
-There is no world with only a part of the named effects and no formula. The search has
-already decided between such sets of effects, and its model of the residuals is more
-detailed than the one used here.
+There is no world with only some of the named effects and no formula. The search for
+effects (search.py) has already compared such sets of effects, with a more detailed model
+of the residuals than the one used here.
 """
 
 from __future__ import annotations
@@ -43,12 +45,15 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# Min share of the gap that the named effects must close together if they leave a
-# remainder. If they close less, none of them is named.
+# Min share of the gap (top of this file) that the named effects must close together. It
+# is checked only if a formula is searched for, i.e. if the user asks for one or if
+# residuals above the sensor noise remain with the named effects. If the effects close
+# less, none of them is named.
 MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
-# Reason why an effect that the search named is not named in the result
-INSTEAD = "a formula explains about as much or more, even after its price is subtracted"
+# Reason that the user reads if an effect that the search has named is not named in the
+# result
+INSTEAD = "a formula explains the logs about as well or better, even after a penalty for its length"
 
 
 @dataclass
@@ -109,8 +114,9 @@ class Worlds:
         return sum(w.probability for w in self.known if effect in w.names)
 
     def find_best(self) -> World:
-        """Return the most probable world, without regard to worlds in which an uncertain
-        effect is named. An effect is uncertain if its with_name() is below NAME_AT.
+        """Return the most probable world in which every named effect is certain. An
+        effect is certain if the worlds in which it is named have a total probability of
+        at least NAME_AT.
         """
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
@@ -120,8 +126,8 @@ class Worlds:
         return [last.residuals] + ([] if held is None else [held.compute_residuals(drop_log_values(values))])
 
     def _compute_mean_square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
-        """Return the mean square of a channel's residuals, in units of the noise
-        variance, and the number of residuals.
+        """Return the mean square of a channel's residuals over the fitted and the
+        held-out logs, in units of the noise variance, and the number of these residuals.
         """
         total, rows = 0.0, 0
         for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
@@ -146,15 +152,17 @@ def compute_name_price(effect: str) -> float:
 def explain_remainder(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """Search for formulas, and return the result of the formula search, the named
-    effects, and all worlds that were compared.
+    """Search for formulas. Return the result of the formula search, the named effects,
+    and a list of all worlds that were compared.
 
     Formula and named effects are those of the world that Worlds.find_best() returns. An
-    effect of this world is dropped if the product of two probabilities is below NAME_AT:
-    the probability that the effect or a look-alike is missing, and the total probability
-    of the worlds in which the effect is named (Worlds.with_name())."""
+    effect of this world loses its name if the product of two probabilities is below
+    NAME_AT. The first is the probability that the vehicle file lacks this effect, or an
+    effect that replaces it in other sets of the search (Named.whole). The second is the
+    total probability of the worlds in which this effect is named (Worlds.with_name()).
+    """
     if naming.named and naming.closed < MIN_TOGETHER:
-        little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
+        little = f"the named effects together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
         naming = name.drop_names(problem, naming, frozenset(), little)
     asked = [naming, *([name.drop_names(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
     fits = [refit_world(problem, n.final) for n in asked]
@@ -194,11 +202,12 @@ def explain_remainder(
 
 
 def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
-    """Return the formula, and the named effects that are still needed next to it.
+    """Return the formula, and the named effects that are still needed beside it.
 
-    A formula may explain residuals that a named effect explained before. If the 95 %
-    interval of an effect, fitted together with the formula, then includes the case
-    without this effect, the effect is no longer named.
+    `last` is the result of the formula search. In its fit, which has the named effects
+    and the formula, the formula may explain residuals that a named effect explains in the
+    fit without a formula. An effect is no longer named if, around its values in this fit,
+    the 95 % interval of each of its strengths includes the value without the effect.
     """
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming
@@ -212,8 +221,9 @@ def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tu
 
 
 def refit_world(problem: Problem, last: Fit) -> Fit:
-    """Fit the parameters of `last` again by fit_parameters(). Fits with a formula are
-    made in the same way, so that worlds with and without a formula are comparable.
+    """Fit the parameters of `last`, the fit of a world without a formula, again by
+    fit_parameters(). Fits with a formula are made by the same function, so the residuals
+    of worlds with and without a formula are comparable.
     """
     found = fit_parameters(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

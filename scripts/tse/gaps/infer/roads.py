@@ -1,12 +1,14 @@
 """Estimate bank and grade of the roads of the logs, before the search for effects of the
 car.
 
-Bank and grade change the measurements as much as a change of the tyres, but mostly more
-slowly. If bank and grade were left out, a fit would explain them by a scale error of
-accel_y or by different tyres. Road and car are therefore fitted together. If the car were
-fitted first, on level roads, its parameters would be biased by the road. A later fit of
-the road alone could not correct them, and the residuals of the yaw rate, on which bank
-and grade have no direct influence, would become larger.
+Bank and grade change the measurements as much as a change of the tyres does, but mostly
+more slowly. A fit on level roads would explain them by a scale error of accel_y or by
+different tyres. Therefore road and car are fitted together.
+
+If the car were fitted first, on level roads, and the road afterwards, the parameters of
+the car would be biased by the road. The fit of the road could not correct them. The
+biased car would have larger residuals of the yaw rate, and the road could not reduce
+these residuals, because bank and grade have no direct influence on the yaw rate.
 """
 
 from __future__ import annotations
@@ -47,20 +49,21 @@ class FoundRoad:
 
 @dataclass
 class Roads:
-    """The roads that were found, and the logs on them.
+    """The profiles of bank and grade that were found, and the logs on these roads.
 
     Attributes
     ----------
     logs
-        The logs, with bank and grade in each row if a road was found.
+        The logs, with bank and grade in each row if a profile was found.
     found
-        The profiles with a probability of at least NAME_AT and more than negligible size.
+        The profiles that count as found: probability at least NAME_AT, and size at least
+        the negligible size of the effect.
     road, fit
-        The knots of the profiles, and the fit of car and road. None if no profile was
-        found.
+        The knots of the profiles, i.e. the points along the road between which a profile
+        is interpolated, and the fit of car and road. None if no profile was found.
     laps
         Which logs are laps of the same road. None if no profile was found or the logs
-        were not compared.
+        were not compared with each other.
     """
 
     logs: list[PreparedLog]
@@ -91,13 +94,14 @@ def find_roads(
 ) -> Roads:
     """Estimate the roads of logs that data.prepare() has prepared.
 
-    If the road of any log is already known, no road is estimated. `read` has the same
-    logs as they were before data.prepare(). From them, laps of the same road are
-    detected, and such laps share one profile. Without `read`, each log has its own road.
+    If a log already has bank or grade, no road is estimated. `read` has the same logs as
+    they were before data.prepare(). Laps of the same road are detected in them, and these
+    laps get one common profile. Without `read`, each log gets a profile of its own.
 
-    Car, bank and grade are fitted together. If only one of the two profiles is then
-    found, the fit is repeated with this profile alone, because a profile that is not
-    found must not influence the car.
+    Car, bank and grade are fitted together. A profile counts as found if its probability
+    is at least NAME_AT and its size is not negligible. If only one of bank and grade
+    counts as found, the fit is repeated without the other, because a profile that does
+    not count as found must not influence the car.
     """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]
@@ -133,10 +137,11 @@ def find_roads(
 
 
 def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
-    """Return size, evidence and probability of a road profile.
+    """Return size, evidence and probability of one profile, bank or grade, over all
+    roads.
 
-    The sd of the size is computed as if the errors of the values at the knots were
-    independent and had equal sds.
+    The size is the rms of the profile about its mean on each road. Its sd is computed as
+    if the errors of the values at the knots were independent and had equal sds.
     """
     places = [road.get_slice(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)

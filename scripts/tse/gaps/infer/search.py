@@ -7,18 +7,23 @@ The evidence of a set is approximated by Laplace's method:
         + sum of ln prior odds of the effects of the set,
 where H is the Hessian of the negative log posterior.
 
-The likelihood L has the same variances as the fit (identify/fit.py). For a channel with n
-residuals of rms r, the variance is sd^2 = noise^2 + (r^2 - noise^2) V. V is the number of
-residuals in MODEL_TIME, the correlation time of a model error. It follows that
-    d ln L / d(sum of squares) = -1 / (2 sd^2),
+The fit (identify/fit.py) gives the squared residuals of a channel the weight 1 / sd^2.
+For a channel with n residuals of rms r,
+    sd^2 = noise^2 + (r^2 - noise^2) V.
+Here r^2 - noise^2 is the mean square of the model error. V is the number of residuals in
+MODEL_TIME, the correlation time of a model error. The likelihood L of the channel is
+defined such that its derivative has the same weight:
+    d ln L / d(sum of squares) = -1 / (2 sd^2).
+Since the sum of squares is n r^2, the integral is
     ln L = -n / (2 V) ln(1 + V (r^2 / noise^2 - 1)).
 In sd^2, r^2 - noise^2 is replaced by LASTING^2 noise^2 if it is smaller than that,
 because no model of a car is more accurate.
 
-Every fit has the strengths of all effects as unknowns. Effects outside the set have a
-prior that keeps them small. So one fit gives the partial derivatives with respect to all
-effects, from which the evidence of other sets is approximated by linear algebra (class
-Around). The sets that are most probable by this approximation are then fitted.
+Every fit has the strengths (sizes) of all effects as unknowns. Effects outside the set
+have a prior that keeps them small. So one fit gives the partial derivatives of the
+residuals with respect to all effects. From these derivatives, the evidence of other sets
+is approximated by linear algebra (class Around). The sets that are most probable by this
+approximation are then fitted.
 """
 
 from __future__ import annotations
@@ -44,11 +49,14 @@ RIVALS = 2  # number of replacements that are fitted for each effect of the best
 # more than this value.
 FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
-# Two effects are added at once in pairs. The first effect of a pair is one of this number
-# of most promising effects, the second can be any other effect.
+# If no change of a single effect raises the evidence of a set, pairs of effects are
+# added. The effects are ranked by the evidence of the set to which only this effect is
+# added. The first effect of a pair is among the first PAIRED of this ranking. The second
+# can be any other effect.
 PAIRED = 8
-# Number of iterations of the approximation of a set (Around.judge()). Each iteration
-# computes the variance of every channel from the residuals of the iteration before it.
+# Number of iterations by which Around.judge() approximates a set that was not fitted.
+# Each iteration solves for the unknowns. The variance of every channel comes from the
+# residuals after the iteration before it.
 WEIGHINGS = 4
 
 
@@ -100,10 +108,12 @@ def compute_ln_likelihood(square: float, count: int) -> float:
 
 
 def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
-    """Return the sum over the effects of ln prior odds + ln(p / q), with two prior
-    densities of the fitted size of the effect. p belongs to the true prior, which need
-    not be normal. q belongs to the wide normal prior that the fit used instead. ln(p / q)
-    corrects the evidence for this difference.
+    """Return the sum over the effects of ln prior odds + ln(p/q).
+
+    p and q are two prior densities at the fitted size of an effect. p is the true prior,
+    which need not be normal (Hypothesis.compute_ln_prior()). q is the wide normal prior
+    that the fit used in its place. The evidence from the fit contains q, so adding
+    ln(p/q) replaces q by p.
     """
     total = 0.0
     for h in effects:
@@ -127,18 +137,19 @@ def judge_set(
     problem
         The logs.
     asked
-        All effects that are unknowns of the fit.
+        All effects whose strengths are unknowns of the fit, in the set or outside it.
     members
         Ids of the effects of the set.
     start
         Values at which the fit starts.
     like
-        A set that was fitted before. The partial derivatives with respect to effects
-        outside the new set are taken from it. None: they are simulated.
+        A set that was fitted before. The partial derivatives of the residuals with
+        respect to effects outside the new set are taken from its fit. None: they are
+        simulated.
     rough
-        False: the partial derivatives with respect to the effects of the set are
-        simulated. True: they are taken from `like`, too. The fit then starts with them
-        and updates them after each step (Broyden), which saves simulations.
+        False: the partial derivatives with respect to the effects of the new set are
+        simulated. True: the fit starts with the derivatives from the fit of `like`
+        instead, and updates them after each step (Broyden), which saves simulations.
     """
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
@@ -164,9 +175,12 @@ def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tu
 
 
 def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
-    """Return the partial derivatives of the fit `like`, with the columns in the order of
-    the unknowns of `space`. A column is 0 if its unknown is not an unknown of `like`: a
-    shape parameter, such as a time constant, of an effect outside the set of `like`.
+    """Return the partial derivatives of the residuals from the fit of `like`, one matrix
+    for each group, with the columns in the order of the unknowns of `space`.
+
+    If an unknown of `space` is not an unknown of `like`, its column is 0. This can only
+    be a shape parameter, such as a time constant, of an effect that is not in the set of
+    `like`.
     """
     assert like.space is not None and like.fit is not None
     place = {n: k for k, n in enumerate(like.space.names)}
@@ -289,7 +303,8 @@ class Search:
         one by one, as long as the evidence rises.
 
         The result may contain two effects that nearly cancel. A search that adds effects
-        would not find such a pair, because each effect alone has no evidence.
+        would not find such a pair, because adding only one of the two does not raise the
+        evidence.
         """
         whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
         around, best = Around(whole), whole
@@ -359,10 +374,13 @@ class Search:
         return self.near[ids]
 
     def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
-        """Return the set after at most `changes` successive changes of `start`. Each
-        change adds, removes or replaces one effect, such that the approximate evidence
-        increases most. If no such change increases it by WORTH, two effects are added at
-        once, or two are replaced by one.
+        """Return the ids of the set to which at most `changes` successive changes lead
+        from the set `start`.
+
+        Each change adds, removes or replaces one effect: the one that raises the
+        approximate evidence most. If no change of one effect raises it by WORTH, two
+        effects are added at once, or two are replaced by one. If this does not raise it
+        by WORTH either, there are no further changes.
         """
 
         def get_evidence(ids: frozenset[str]) -> float:

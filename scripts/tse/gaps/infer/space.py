@@ -3,8 +3,9 @@
 The unknowns are the stiffnesses of the axles, the strengths of all effects of the search,
 and the shapes of the effects of the set. A strength is the size of an effect. A shape is
 any other parameter of an effect, such as a time constant. Effects of the set may have any
-size. Effects outside the set have a narrow prior about 0, with an sd below their
-negligible size (CatalogueParameter.negligible), because no car is entirely without them.
+size. Effects outside the set are not fixed at 0, because every car has a little of them.
+They have a narrow prior about 0, with an sd below their negligible size
+(CatalogueParameter.negligible).
 """
 
 from __future__ import annotations
@@ -47,13 +48,13 @@ class Space:
     problem
         The logs.
     asked
-        All effects of the search: those that the model of the car may lack.
+        All effects of the search. The vehicle file may lack each of them.
     members
         Ids of the effects of the set.
     lent
-        Partial derivatives from the fit of a different set, one matrix for each group.
-        They are used for the effects that are not in `members`, which saves simulations.
-        None: the partial derivatives of all effects are simulated.
+        Partial derivatives of the residuals from the fit of a different set, one matrix
+        for each group. They are used for the effects that are not in `members`, which
+        saves simulations. None: the partial derivatives of all effects are simulated.
 
     Attributes
     ----------
@@ -94,11 +95,12 @@ class Space:
         self._lay_out()
 
     def compute_prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return prior mean and sd of the unknowns if `members` are the effects of the
-        set.
+        """Return the prior mean and sd that the unknowns have if `members` are the
+        effects of the set.
 
-        A shape of an effect that is not in `members` gets the prior of the shape, too.
-        The caller must replace it: Around.judge() keeps such shapes fixed.
+        A shape of an effect outside `members` gets the same prior as it would have
+        inside. The caller must replace this prior: Around.judge() keeps such shapes
+        fixed.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -149,9 +151,10 @@ class Space:
     def at(self, values: Mapping[str, float]) -> np.ndarray:
         """Return the unknowns x at which a fit starts.
 
-        A parameter starts at its value in `values`, or at its default if it has none
-        there. The strengths of an effect of the set start at choose_start() if they are
-        not in `values`, or if their values there are all negligible.
+        A parameter starts at its value in `values`. If it has no value there, it starts
+        at choose_start() if its effect is in the set, otherwise at its default. The
+        strengths of an effect of the set also start at choose_start() if all their values
+        in `values` are negligible.
         """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
@@ -177,14 +180,14 @@ class Space:
 
     @staticmethod
     def compute_lasting_error(channel: str) -> float:
-        """Return the rms of the model error that even the best model leaves in the
-        residuals, in units of the noise.
+        """Return the rms of the error that even the best model has in a channel, in units
+        of the noise. It is the same for all channels.
         """
         return LASTING
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return the residuals of each group, in units of the noise. The fitted bias is
-        subtracted.
+        """Return the residuals of each group, in units of the noise. The bias of the
+        group, i.e. the weighted mean of measurement minus simulation, is subtracted.
         """
         whole = self.problem.compute_residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
@@ -193,8 +196,9 @@ class Space:
         """Return the partial derivatives of the residuals with respect to x, one matrix
         for each group.
 
-        The columns taken from `lent` are the same for every x. This is accurate enough,
-        because they belong to effects outside the set, whose sizes are negligible.
+        If `lent` is given, the columns of the effects outside the set are taken from it
+        and not computed at x. This is accurate enough, because the sizes of these effects
+        are negligible.
         """
         if self.lent is None:
             return self.compute_own_slopes(x, base)
@@ -217,10 +221,11 @@ class Space:
         """Compute partial derivatives by simulation, and return one matrix for each
         group.
 
-        Each element of `parts` is a pair. The first is the width of the finite
-        differences in steps. The second is True if the width is used for stiffness and
-        the effects of the set, False if it is used for the other effects. If `parts` has
-        no width for an unknown, its column is 0. `base` are the residuals at x.
+        Each element of `parts` is a pair (reach, chosen). `reach` is the width of the
+        finite differences, as a multiple of CatalogueParameter.step. If `chosen` is True,
+        this width is used for the stiffnesses and the effects of the set. If it is False,
+        the width is used for the effects outside the set. If `parts` has no width for an
+        unknown, its column is 0. `base` are the residuals at x.
         """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
@@ -235,14 +240,14 @@ class Space:
         found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
-    # ---- functions for the estimate of the slow part of the model error
-    # ---- (tse.identify.lasting)
+    # ---- functions that estimate_model_sd() calls (identify/vehicle_file.py), to compute
+    # ---- the ratio of model error to signal
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return a group as a Piece: times, activity and residuals.
+        """Return a group as a Piece: times, moving rms of the signal, and residuals.
 
-        The activity at a time is a moving rms of the measurement minus the group's
-        median, in units of the noise. The window has the length ACTIVE_TIME.
+        The signal is the measurement minus the median of the group, in units of the
+        noise. The window of the moving rms has the length ACTIVE_TIME.
         """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(
@@ -251,8 +256,10 @@ class Space:
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return, for each residual of a group, the yaw rate that the car would have at
-        its current speed in a steady turn of 1 m/s2, in units of the noise.
+        """Return, for each residual of a group, the yaw rate of a steady turn with a
+        lateral acceleration of 1 m/s2 at the current speed, in units of the noise. It is
+        used to convert a lower limit of the lateral acceleration to a lower limit of the
+        yaw rate.
         """
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.average_quantity("wheel_speed_rear")[rows]

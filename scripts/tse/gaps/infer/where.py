@@ -1,6 +1,7 @@
 """Find where simulation and measurement disagree: under which conditions of driving the
 residual of a channel is large, and at which place of the model a disturbance explains the
-residuals of accel_y and yaw_rate best.
+residuals of accel_y and yaw_rate best. A place is a quantity of the model to which a
+disturbance can be added, such as the slip angle of the front axle (PLACES).
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ FALSE_DISCOVERIES = 0.01
 # "high" or "low" values of the signal are reported as a condition
 MIN_CORRELATION = 0.15
 MIN_WINDOWS = 20  # min number of windows of a channel for which conditions are computed
-# Max squared correlation between the estimated disturbance by the bank of a road and the
-# lateral acceleration of the car. The bank of a road does not follow the steering. So if
-# the correlation is larger, the cause of the residual is the car, not the road.
+# Max squared correlation between the disturbance that is estimated for the bank of the
+# road and the lateral acceleration of the car. The lateral acceleration follows the
+# steering, the bank of a road does not. So if the correlation is larger, the disturbance
+# comes from the car, and the bank is ranked last.
 MAX_FOLLOWED = 0.5
 # [blocks] time between the points at which a disturbance is estimated. Between two
 # points, the disturbance is interpolated linearly.
@@ -53,8 +55,8 @@ class Condition:
 
 @dataclass(frozen=True)
 class Entry:
-    """A place of the model, and how well a disturbance there explains the residuals of
-    accel_y and yaw_rate.
+    """A place of the model (PLACES), and how well a disturbance there explains the
+    residuals of accel_y and yaw_rate.
     """
 
     place: str
@@ -117,12 +119,18 @@ def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, f
 
 
 def find_entries(problem: Problem, last: Fit) -> list[Entry]:
-    """Return each place with the evidence for a disturbance there, the best place first.
+    """Return each place of PLACES with the evidence for a disturbance there, the best
+    place first.
 
-    A disturbance is a sum of triangular functions (hats), one every HAT blocks, whose
-    amplitudes have a normal prior. It is fitted together with the parameters of `last`.
-    The residuals are linear in the amplitudes. So the evidence is a sum over the singular
-    values of the matrix of responses to the hats (compute_responses()).
+    A disturbance is a sum of triangular functions (hats), one every HAT blocks. The
+    amplitudes of the hats are unknown and have a normal prior with mean 0. Its sd is the
+    one of several values that gives the largest evidence. The parameters of `last` are
+    unknown as well: the part of the residuals that they could explain is projected out.
+
+    The residuals are linear in the amplitudes, and prior and noise are normal. So the ln
+    evidence has a closed form. In the singular value decomposition of the matrix of
+    responses to the hats (compute_responses()), it is a sum with one term for each
+    singular value.
     """
     at, units = compute_signals(problem, last.values), library().formula_places
     lateral = [
@@ -143,10 +151,10 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     found = []
     for place, id_ in PLACES.items():
         change = compute_responses(problem, last.values, at, id_, hats)
-        # For each log: what the fitted parameters could explain is first projected out of
-        # the responses and of the residual. The entries are singular values and right
-        # singular vectors of the responses, components of the residual along their left
-        # singular vectors, and the sum of squared residuals.
+        # The part that the fitted parameters could explain is first projected out of the
+        # responses and of the residuals. `parts` then has a tuple for each log: singular
+        # values and right singular vectors of the responses, components of the residuals
+        # along the left singular vectors, and the sum of squared residuals.
         parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])
@@ -171,9 +179,8 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
             if seen.any()
             else 0.0
         )
-        # The bank of a road does not follow the steering. If the disturbance by the bank
-        # is correlated with the lateral acceleration of the car, its cause is the car, so
-        # the road is ranked last.
+        # A disturbance that follows the lateral acceleration of the car comes from the
+        # car, not from the bank of the road (MAX_FOLLOWED). So the bank is ranked last.
         last_of_all = id_ == ROAD_BANK and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(
