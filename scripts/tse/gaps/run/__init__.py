@@ -1,4 +1,4 @@
-"""Run the gap workflow, the check and the plan, and write their results: verdict, report,
-pictures, tables, the improved vehicle file, and by how much this file improves the
-estimates.
+"""Run `tselab gap`, `tselab gap check` and `tselab gap plan`, and write their results:
+verdict, report, pictures, tables, and the improved vehicle file. Also compute by how much
+this file improves the estimates.
 """

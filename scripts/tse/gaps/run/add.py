@@ -1,5 +1,6 @@
-"""Write an improved vehicle file with the fitted stiffness and the named effects, and a C
-header that sets tse_config to the same values. Write a formula, if one was found.
+"""Write the improved vehicle file with the fitted stiffness and the named effects, and a
+C header with a function that sets tse_config to the same values. If there is a formula,
+write it to files of its own.
 
 Road profiles are not written, because they are properties of the road, not of the car.
 """
@@ -43,8 +44,9 @@ FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
     """Write the vehicle file and the C header, and return their paths.
 
-    The vehicle file is read again to make the header, so that the two agree. A formula
-    is written to two more files, FORMULA and FORMULA_HEADER.
+    The vehicle file is written first and read back, and the header is made from the
+    values that were read. So both files have exactly the same values. A formula is
+    written to two more files, FORMULA and FORMULA_HEADER.
     """
     path = out / VEHICLE_FILE
     vehicle = read_vehicle(vehicle_path)
@@ -124,7 +126,8 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 
 
 def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the fitted stiffness as settings, clipped to their limits.
+    """Return the fitted stiffnesses as settings, clipped to the limits of the settings.
+    `values` has the ratio of each fitted stiffness to its setting in `config`.
 
     The rear longitudinal stiffness is not fitted. Its relative change is the relative
     change of the front one, multiplied by the setting rear_longitudinal_follows_front.
@@ -153,7 +156,7 @@ def _find_group(key: str) -> str:
 
 def make_header(vehicle: Vehicle) -> str:
     """Return a C header with a function that sets tse_config to the values that the
-    estimator uses for this vehicle file, including the sds of [uncertainty].
+    estimator uses for this vehicle file, including the sds of its table [uncertainty].
 
     The header contains no date, so the same vehicle file always gives the same bytes.
     """

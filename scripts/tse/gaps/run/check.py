@@ -1,5 +1,6 @@
-"""`tselab gap check`: compute which effects would be visible in the logs, without fitting
-the effects.
+"""`tselab gap check`: compute which effects would be visible in the logs, i.e. large
+enough to be named. The effects are not fitted. Their influence is computed from partial
+derivatives of the residuals (infer/detect.py).
 """
 
 from __future__ import annotations
@@ -94,8 +95,9 @@ def check_model(
     say: Callable[[str], None] = lambda _: None,
     reading: Reading | None = None,
 ) -> Check:
-    """Fit stiffness and biases to the logs, and compute the smallest visible size of
-    every effect. `say` is called with the name of each step.
+    """Fit stiffness and biases to the logs, and compute for every effect the smallest
+    size at which it would be visible (infer/detect.py). `say` is called with the name of
+    each step.
     """
     say("reading the logs")
     notes: list[str] = []

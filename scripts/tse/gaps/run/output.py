@@ -64,7 +64,8 @@ class WrittenFiles:
 
     files: list[Path]
     gain: dict[str, Any]  # result of compute_gain()
-    # part of the logs -> channel -> its residuals before and after effects were added
+    # part of the logs (FIT or HELD_OUT) -> channel -> change of the residuals of this
+    # channel by the effects that were added
     changes: dict[str, dict[str, ChannelChange]]
 
 
@@ -172,9 +173,9 @@ def make_table(
     predicted) / noise. Their rms is 1 if they are noise alone. They are NaN in blocks
     without a measurement.
 
-    `parts` has two problems for each part of the logs. The first has level roads and is
-    used for *_before. The second has the estimated roads and is used for *_after.
-    `before` and `after` are the parameter values of the two fits.
+    `parts` has two Problems with the same logs for each part (FIT and HELD_OUT). The
+    first has level roads and is used for *_before. The second has the estimated roads and
+    is used for *_after. `before` and `after` are the parameter values of the two fits.
     """
     frames = []
     for part, (level, problem) in parts.items():
@@ -230,11 +231,12 @@ def compute_gain(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Run the estimator with both cars. Return log evidence per row and share of valid
-    rows, for all logs together and for each log.
+    """Run the estimator on each log, once with each of two cars. Return for each car the
+    mean log evidence per row, and the share of rows in which the estimate of a stiffness
+    is valid. Both are computed for all logs together and for each log.
 
-    `logs` has part, name and rows of each log. `before` and `after` are the cars of the
-    user's vehicle file and the improved one.
+    `logs` has part, name and rows of each log. `before` is the car of the user's vehicle
+    file, `after` the improved car.
     """
 
     def estimate_log(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
@@ -247,8 +249,8 @@ def compute_gain(
         tables = list(pool.map(estimate_log, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
     for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
-        # The log evidence is compared in the rows in which both runs used a measurement,
-        # so that both means are over the same rows.
+        # The log evidence is compared only in the rows in which both runs used a
+        # measurement. So both means are over the same rows.
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
         drives.append(
             {

@@ -96,7 +96,8 @@ def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure
     """Plot the ratio of residual rms to sensor noise for each channel, before and after
     effects were added.
 
-    The error bars are the 95 % interval of the change, from a bootstrap of paired blocks.
+    The error bars show the 95 % interval of the relative change from before to after. It
+    comes from a bootstrap that draws the same blocks of residuals before and after.
     """
     figure = make_subplots(
         1,

@@ -28,19 +28,21 @@ from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
 NEED = 8.0  # [nat] min evidence with which two effects count as separated
-# Min ratio of the evidence that separates two effects to the evidence for one of them. If
-# the ratio is smaller, model errors of a real car hide the difference of the effects.
+# Min value of Option.share with which `tselab gap` can exclude one of the two effects. If
+# the share is smaller, model errors of a real car hide the difference between the
+# effects.
 RIVAL_SHARE = 0.1
 # [nat] min evidence for an effect with which a manoeuvre counts as exciting this effect
 MIN_EXCITED_NATS = 0.1
 # Relative change of the sum of squares below which a fit ends. It must be small here. The
-# simulated logs have almost no noise, so the sum of squares is the result itself: the
-# difference between the two effects. An early end of the fit would make it too large.
+# simulated logs have almost no noise, so the sum of squares that is left after the fit is
+# itself the difference between the effect that was simulated and the effect that was
+# fitted. If the fit ended early, this difference would be too large.
 FIT_TOLERANCE = 1e-6
 MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
-# If the evidence that separates two effects is less than this share of the evidence for
-# one of them, it counts as 0. Such differences come from the step size of the
-# integration.
+# If the evidence against the other effect (Option.nats) is less than this share of the
+# evidence against a car without both effects (Option.shows), it is set to 0. So small an
+# evidence comes from the step size of the integration, not from the effects.
 SAME = 0.02
 MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need more are not separable
 
@@ -51,14 +53,16 @@ class Option:
 
     name: str
     seconds: float  # [s] length of the manoeuvre
-    # [nat] smaller of two values: evidence for A against B if the car has A, and evidence
-    # for B against A if the car has B
+    # [nat] Evidence for the effect that the car has, against the other effect. It is the
+    # smaller of two values: one if the car has A, one if the car has B.
     nats: float
-    # [nat] smaller of two values: evidence for A against no effect if the car has A, and
-    # evidence for B against no effect if the car has B
+    # [nat] Evidence for the effect that the car has, against a car without A and B, whose
+    # stiffness is fitted. It is the smaller of two values: one if the car has A, one if
+    # the car has B.
     shows: float
-    # smaller of two ratios: evidence for A against B / evidence for A against no effect
-    # if the car has A, and the same with A and B exchanged
+    # Ratio of the two kinds of evidence: against the other effect (nats) / against a car
+    # without A and B (shows). It is the smaller of two values: one if the car has A, one
+    # if the car has B.
     share: float
 
     @property
@@ -123,8 +127,9 @@ class ManeuverPlan:
 def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> ManeuverPlan:
-    """Return the plan for two effects, which are given as "A,B", with all manoeuvres of
-    make_candidates().
+    """Return the plan that separates two effects. `separate` is the option of the command
+    line, "A,B" with the ids of the effects. All manoeuvres of make_candidates() are
+    compared.
     """
     first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
@@ -148,16 +153,18 @@ def read_pair(separate: str) -> tuple[Effect, Effect]:
             raise UserError(f"option --separate: there is no effect '{i}'{suggest_names(i, known)}")
     if len(ids) != 2 or ids[0] == ids[1]:
         raise UserError(
-            f"option --separate: {separate!r} is not two effects; write two ids, for instance "
-            "relaxation,steering_lag"
+            f"option --separate: {separate!r} is not two effects; write the ids of two different "
+            "effects, for instance relaxation,steering_lag"
         )
     return known[ids[0]], known[ids[1]]
 
 
 def compute_worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Return the evidence that a manoeuvre gives: the evidence that separates the two
-    effects from each other, and the evidence for an effect against a fit of the stiffness
-    alone. Each is computed for both effects, and the smaller one counts.
+    """Return the evidence that a manoeuvre gives (see Option).
+
+    Each of the two effects is simulated in turn. Two kinds of evidence are computed for
+    it: against a fit of the other effect, and against a fit of the stiffness alone. Of
+    each kind, the smaller value of the two simulated effects is returned.
     """
     problem = Problem(prepare_candidate(candidate, config), config)
     both, shows, shares = [], [], []
@@ -188,7 +195,8 @@ def compute_worth(candidate: Candidate, config: Config, first: Effect, second: E
 def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
     """Return the expected evidence [nat] for the true model against a different model.
 
-    `residuals` are the residuals of the different model in a log without noise.
+    `residuals` are the differences between a log that the true model has simulated
+    without noise, and the fit of the different model to this log.
     """
     total = 0.0
     for c in np.unique(problem.rows.channel):

@@ -1,11 +1,13 @@
 """Compute how accurately the parameters of the improved car are known: the joint
-covariance of stiffness and effects. The effects are those that the search has named, and
-those that have a prior sd although the search has not named them. Effects without a name
-change no mean, but widen the intervals of the other parameters.
+covariance of stiffness and effects. Two kinds of effects are included: those that the
+search has named, and those that it has not named but that have a prior sd. Effects of the
+second kind keep their values. But their uncertainty widens the intervals of the other
+parameters.
 
-The covariance is computed as in the fit of a calibration (identify/fit.py), at the values
-that were found. The prior sd of an effect that is not named comes from [uncertainty] of
-the vehicle file or, if it is not stated there, from the class of the car.
+The covariance is computed at the fitted values, in the same way as in a calibration
+(identify/fit.py). The prior sd of an effect that is not named comes from the table
+[uncertainty] of the vehicle file. If it is not stated there, it comes from the class of
+the car.
 """
 
 from __future__ import annotations
@@ -51,9 +53,10 @@ class Posterior:
     def compute_sd(self, name: str) -> float:
         """Return the sd of a parameter.
 
-        Logs cannot distinguish a parameter in SCALE_PARTNERS (the scale of accel_y) from
-        its partner (body roll). Only their weighted sum can be estimated, so the sd of
-        this sum is returned.
+        A parameter in SCALE_PARTNERS (the scale error of accel_y) has a partner (body
+        roll) that changes accel_y in the same way. Logs cannot distinguish the two. Only
+        their weighted sum can be estimated, so the sd of this sum is returned for such a
+        parameter.
         """
         weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
@@ -62,9 +65,11 @@ class Posterior:
     def make_uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
-        A setting whose parameter is in this posterior gets the sd of the posterior. Its
-        lower limit is MIN_SD, the best accuracy that a model of a car can have. If the
-        vehicle file states an sd below MIN_SD, the stated sd is the lower limit. Other
+        A setting whose parameter is in this posterior gets the sd of the posterior, but
+        no smaller value than MIN_SD, the best accuracy that a model of a car can have. If
+        the vehicle file of the user states an sd below MIN_SD, the stated sd is the limit
+        instead. model_sd gets the value of the posterior. Other settings keep their
+        values. If all sds in the vehicle file are 0, the car is known exactly and all
         settings keep their values.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
@@ -78,7 +83,8 @@ class Posterior:
         }
 
     def make_calibration(self) -> dict[str, Any]:
-        """Return names, mean and covariance for format_calibration_table().
+        """Return names, mean and covariance of the parameters for
+        format_calibration_table(), which writes them to the improved vehicle file.
 
         A stiffness is represented by ln(stiffness / its value in the improved vehicle
         file). The mean of this ln is 0, because the file has the posterior mean.
@@ -118,8 +124,9 @@ def compute_posterior(
 
     Notes
     -----
-    model_sd is computed without the formula, because the estimator does not use formulas.
-    For the estimator, the part of the residuals that a formula explains is a model error.
+    model_sd is computed without the formula, because the default filter does not apply
+    formulas. For the filter, the part of the residuals that a formula explains is a model
+    error.
 
     The measured wheel speeds are inputs of the simulation, so their noise acts on the
     simulated accel_x. A softer longitudinal stiffness smooths this noise. If the

@@ -55,7 +55,8 @@ def write_report(path: Path, shown: ReportInput) -> None:
         (
             "The gap before and after",
             "Residual divided by sensor noise; 1 is noise alone. Bars: rms over all logs. Error bars: "
-            f"95 % interval of the change, from a bootstrap of paired blocks of 2 s.{claim}",
+            "95 % interval of the change from before to after, from a bootstrap that draws the same blocks "
+            f"of 2 s before and after.{claim}",
             pictures.draw_gap_bars(shown.parts),
         ),
         (

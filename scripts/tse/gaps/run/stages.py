@@ -19,15 +19,16 @@ from tse.identify.fit import fit
 from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, make_prior
 from tse.library.core import Config
 
-# Parameters that are calibrated in the second of the three stages. Every car has them,
-# and no vehicle file states them exactly. Sensor biases are fitted in all three stages.
+# Parameters that are calibrated in the second of the three stages (top of this file).
+# Every car has them, and no vehicle file states them exactly. Sensor biases are fitted in
+# all three stages.
 EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Rms values of one channel over some logs, from block means over 40 ms, in the unit
-    of the channel.
+    """Rms values of one channel over the fitted or over the held-out logs, from block
+    means over 40 ms, in the unit of the channel.
     """
 
     signal: float  # rms of the measurement about its mean in each log

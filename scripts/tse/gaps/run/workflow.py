@@ -1,5 +1,6 @@
-"""`tselab gap`: find where simulation and logs disagree, name the missing effects, search
-for a formula if the named effects leave a remainder, and describe the result.
+"""`tselab gap`: find where simulation and logs disagree, name the effects that the
+vehicle file lacks, search for a formula if residuals above the sensor noise remain, and
+describe the result.
 """
 
 from __future__ import annotations
@@ -36,12 +37,14 @@ from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import add_road, match_log
 
-# Key of EXIT for uncertain results: the probability of an effect is below NAME_AT, or
-# each named effect has look-alikes, from which the logs cannot distinguish it
+# Key of EXIT for uncertain results. There are two kinds. The verdict is "possible": an
+# effect is probable, but not named. Or the verdict is "named", but a named effect has a
+# probability below NAME_AT, or each named effect has look-alikes. Look-alikes are effects
+# that the logs cannot distinguish from the named one.
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # verdict -> exit code
-# If no effect is named, the verdict is "possible" if an effect has at least this
-# probability
+# If no effect is named and no error above the noise remains, the verdict is "possible" if
+# the vehicle file lacks some effect with at least this probability, otherwise "none".
 MIN_UNNAMED_PROBABILITY = 0.5
 FIT, HELD_OUT = "fit", "held_out"  # the two parts of the logs: fitted, and held out
 
@@ -89,12 +92,16 @@ class GapResult(Found):
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]  # sentences that describe the result
-    problem: Problem  # the fitted logs, on the roads that were found
+    # the fitted logs with bank and grade, which the user has given or which are estimated
+    # from the logs
+    problem: Problem
     level: Problem  # the fitted logs on level roads
-    # part of the logs -> channel -> rms of the residuals, in the unit of the channel
+    # part of the logs (FIT or HELD_OUT) -> channel -> rms of the residuals with three
+    # models of the car (stages.py), in the unit of the channel
     stages: dict[str, dict[str, Stage]]
     conditions: list[where.Condition]  # conditions of driving with large residuals
-    # places of the model at which a disturbance explains the residuals, the best first
+    # places of the model (where.PLACES) with the evidence for a disturbance there, the
+    # best place first
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]  # remaining errors of the fitted logs
     elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
@@ -103,11 +110,12 @@ class GapResult(Found):
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, ChannelChange]  # channel -> change of the residuals of the held-out logs
-    # Effects that would not be visible in the logs at their typical size, without the
-    # look-alikes of named effects
+    # Effects that would not be visible in the logs at their typical size. Look-alikes of
+    # named effects are left out, because the logs cannot distinguish them from the named
+    # effects.
     undetectable: list[detect.Detectable]
-    # smallest visible size of every effect that is not named, whether it is visible at
-    # its typical size or not
+    # for every effect that is not named, the smallest size at which it would be visible.
+    # It also has the effects whose smallest visible size is below their typical size.
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     # the held-out logs, each on the road of the fitted logs that it matches, if any
@@ -194,13 +202,14 @@ def run_workflow(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> GapResult:
-    """Find the effects that are missing in the vehicle file.
+    """Find the effects that the vehicle file lacks.
 
     `logs` are fitted. The logs `hold_out` are not fitted, but test whether the result
-    also holds for them. `road` is the road of all logs, if it is known; None: it is
-    estimated, with one profile for laps of the same road. If the named effects leave a
-    remainder or `formula` is True, a formula is searched for. `say` is called with the
-    name of each step.
+    also holds for them. `road` is the road of all logs, if it is known. None: bank and
+    grade are estimated, and laps of the same road get one common profile. A formula is
+    searched for if `formula` is True, or if residuals above the sensor noise remain with
+    the named effects. If the vehicle file already has a formula, none is searched for.
+    `say` is called with the name of each step.
     """
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
@@ -319,10 +328,11 @@ def run_workflow(
 
 
 def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the estimated roads close a part of the gap. The gap is the amount
-    by which the residuals of a car without effects exceed the sensor noise. It is
-    compared between the estimated roads (`problem`) and level roads (`level`, fit
-    `baseline`).
+    """Return whether the gap is smaller on the estimated roads than on level roads.
+
+    The gap is the sum of squared residuals minus the sum expected from sensor noise. Here
+    it is the gap of a car without effects, whose stiffness is fitted. `problem` has the
+    estimated roads, `level` the level roads. `baseline` is the fit of `level`.
     """
     return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
         level, baseline.residuals
@@ -464,8 +474,9 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return the named effects whose cause is the bus or the IMU, not the car: latencies
-    of channels that differ from the vehicle file, and low-pass filters of the IMU.
+    """Return the corrections of bus and IMU that follow from the named effects whose
+    cause is not the car (Named.message): the latencies of channels, if they differ from
+    the vehicle file, and the low-pass filters of the IMU.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -486,13 +497,14 @@ def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[
 
 
 def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
-    """Return half the width of the 95 % interval of each latency.
+    """Return half the width of the 95 % interval of each latency in `settings`.
 
     A latency may depend on several named effects, such as the delays of the IMU and of
-    the steering. The half widths of their intervals are propagated linearly, and added in
-    quadrature as if the effects were independent. Linear propagation is valid, because a
-    latency is linear in a delay as long as the delay keeps its sign, and named delays are
-    too far from 0 to change their sign.
+    the steering. The half widths of the intervals of these effects are propagated
+    linearly, and added in quadrature as if the effects were independent. A latency is
+    linear in a delay as long as the delay does not change its sign. Named delays are too
+    far from 0 for a change of sign within their intervals, so linear propagation is
+    valid.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # [s] step of the finite differences
@@ -514,15 +526,16 @@ ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
 
 def _describe_road(n: Named, laps: int) -> str:
     """Return the sentence about a road profile: size, number of laps, probability, and
-    the share of the gap that it closes.
+    the share of the gap that the profile closes.
     """
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
     other = ""
     if n.effect.id == "grade" and laps == 1:
-        # The speed comes from the wheels, so a grade is visible in accel_x only, like a
-        # bias of accel_x.
+        # The speed comes from the wheels, so a grade changes only accel_x, as a bias of
+        # accel_x does. A grade repeats in every lap, a varying bias does not. One lap
+        # alone cannot distinguish the two.
         other = f" One lap cannot exclude that the accel_x bias varies by {GRAVITY * size:.2g} m/s2."
     return (
         f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees rms (95 %: {degrees}){same} "
@@ -533,7 +546,7 @@ def _describe_road(n: Named, laps: int) -> str:
 
 def _describe_name(n: Named, laps: int = 1) -> str:
     """Return the sentence about a named effect: size, probability, share of the gap that
-    it closes, look-alikes.
+    the effect closes, and look-alikes, i.e. effects that may be missing in its place.
     """
     if n.effect.id in PROFILES:
         return _describe_road(n, laps)
