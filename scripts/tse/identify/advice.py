@@ -1,9 +1,11 @@
-"""Propose what to drive or measure next, and predict the resulting intervals.
+"""Propose what to drive or measure next, and predict the intervals of both cornering
+stiffnesses that would result.
 
-The intervals of both cornering stiffnesses are predicted. The information matrix of the
-fit and the information matrix of a simulated manoeuvre are added, and the inverse of the
-sum is the predicted covariance. Residuals of the manoeuvre are assumed to be as large and
-as correlated as the residuals of the logs.
+The fit of the logs has an information matrix, the inverse of the covariance. For a
+proposed manoeuvre, the information matrix of a simulation of it is added. For a proposed
+measurement of a parameter, the inverse of its variance is added. The inverse of the sum
+is the predicted covariance. It is assumed that the residuals of the manoeuvre have the
+same rms and the same correlation time as those of the logs.
 """
 
 from __future__ import annotations
@@ -125,8 +127,8 @@ def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
     """Return the information matrix of the unknowns of the car.
 
     The unknowns of roads and of single logs are marginalised. A single log has as
-    unknowns its biases and the lean, i.e. how far its roads are banked in curves
-    (unknowns.py).
+    unknowns its biases and the lean, i.e. the share of the lateral acceleration in curves
+    that the bank of its roads compensates (unknowns.py).
     """
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
@@ -183,10 +185,11 @@ def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle
 def _compute_added_information(
     problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information about the car that further logs add to the fit, as a matrix.
+    """Return the information matrix of the unknowns of the car that further logs would
+    add to the fit.
 
-    It is the information matrix of further logs and prior together, minus the information
-    matrix of the prior, because the fit already contains the prior.
+    The normal equations of the further logs contain the prior, but the fit of the present
+    logs already contains it. So the information matrix of the prior is subtracted.
     """
     other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
@@ -197,10 +200,12 @@ def _compute_added_information(
 def _compute_information(
     problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of x for residuals of the sizes `scales`.
+    """Return the information matrix of the unknowns x if the residuals of each channel
+    have the size in `scales`.
 
-    It depends on the partial derivatives of the residuals, not on their values. So the
-    values are set to 0: the measurements of a manoeuvre that was not driven are unknown.
+    The matrix depends on the partial derivatives of the residuals, not on their values.
+    So the values are set to 0: the measurements of a manoeuvre that was not driven are
+    unknown.
     """
     base = problem.compute_residuals(x, z)
     slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)

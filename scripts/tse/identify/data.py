@@ -3,11 +3,12 @@
 Inputs are smoothed, rows are divided into stretches (see FitStretch) and blocks, and the
 noise of the sensors is estimated.
 
-The logged steering angle and wheel speeds are the inputs of the model. They are smoothed,
-because the tyre model differentiates them, and a fit would explain the differentiated
-noise by longitudinal relaxation. The smoothing spline is the fixed-interval (RTS)
-smoother of a signal whose derivative is a random walk. The penalty of the spline is set
-by cross-validation: every second row is predicted from the other rows.
+The logged steering angle and wheel speeds are the inputs of the model. The tyre model
+differentiates them and so amplifies their noise. Without smoothing, a fit would reduce
+this noise by too long a longitudinal relaxation. The smoothing spline is the
+fixed-interval (RTS) smoother of a signal whose derivative is a random walk. The penalty
+of the spline is set by cross-validation: every second row is predicted from the other
+rows.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ BLOCK_TIME = 0.04  # [s] length of a block; residuals are compared as means over
 BURN_IN = 1.0  # [s] first part of a stretch; not compared, because the initial state is unknown
 MIN_STRETCH_TIME = 3.0  # [s] shorter stretches are not used: their burn-in is too large a share
 MAX_HOLE = 0.1  # [s] a longer hole in an input ends a stretch
-# [m] sd of the Gaussian that smooths the curvature of a road: length scale of the
-# transition from a level road to the bank of a curve
+# [m] sd of the Gaussian that smooths the curvature of a road in compute_curve_accel().
+# The bank is assumed to follow the smoothed curvature, so this is the length of the
+# transition from a level road to the bank of a curve.
 CURVE_LENGTH = 12.0
 
 
@@ -71,7 +73,9 @@ class PreparedLog:
     # [s] for channels that repeat their samples: mean age of the values in the rows
     held: dict[str, float] = field(default_factory=dict)
     wheel_noise: float = 0.0  # [rad/s] rms of the part of wheel speeds that smoothing removed
-    # [s] latency of measured channels relative to the gyro; inputs are already corrected
+    # [s] Latency of measured channels relative to the gyro. simulate() delays the
+    # simulated channels by it. The latencies of the inputs are already removed from
+    # `inputs`.
     late: dict[str, float] = field(default_factory=dict)
     road: dict[str, np.ndarray] = field(default_factory=dict)  # [rad] bank and grade, if they are logged
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -131,8 +135,8 @@ def prepare(log: CheckedLog, config: Config) -> PreparedLog:
     """
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(
-            f"{log.path}: rows are too far apart; to compare them with a simulation, they must be at most "
-            "0.1 s apart"
+            f"{log.path}: rows are too far apart for a comparison with a simulation; allowed: at most 0.1 s "
+            "(median)"
         )
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {
@@ -218,7 +222,8 @@ def prepare_all(logs: Sequence[CheckedLog], config: Config) -> list[PreparedLog]
 def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
     """Return the log without the latencies that the vehicle file states.
 
-    Each row of an input receives the value that is logged one latency later. Measured
+    With the latency L, the log has the true value of time t in the row of time t + L. So
+    each row of an input gets the value that is logged one latency later. Measured
     channels are not changed. Instead, simulate() delays the simulated channel.
     """
     late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
@@ -264,7 +269,8 @@ def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
 
 
 def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
-    """Return the mean age [s] of the values of a channel that may repeat its samples.
+    """Return the mean age [s] of the values of a channel. It is 0 if the channel has a
+    new value in every row, and larger if the channel repeats its samples.
 
     The age of a value is the time since the row in which this value was new.
     """
@@ -280,8 +286,9 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
     With this penalty, a spline of every second row predicts the other rows best.
 
-    The best penalty is a ratio of noise to signal, which does not depend on the number of
-    rows. So it is also right for the spline of all rows.
+    The best penalty is the ratio of the noise variance of a row to the variance per
+    second of the random walk (top of this file). This ratio does not depend on the number
+    of rows. So the penalty is also right for the spline of all rows.
     """
 
     def compute_error(exponent: float) -> float:
@@ -395,7 +402,8 @@ def simulate(
     profiles: dict[str, np.ndarray],
     later: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Simulate the channels of a log with their latencies, without biases.
+    """Simulate the channels of a log. The result has the latencies of the channels, but
+    no biases.
 
     Parameters
     ----------
@@ -406,11 +414,12 @@ def simulate(
     channels
         Outputs of the model that are returned.
     stiffness
-        By name of a stiffness: ratio of its initial value to its setting in `config`.
+        Name of a stiffness -> ratio of its value at the start of the simulation to its
+        setting in `config`.
     profiles
         Bank and grade [rad] of each row. Bank and grade in the log are added to them.
     later
-        Latency [s] by channel. It is added to the latency in the vehicle file.
+        Channel -> latency [s] that is added to the latency in the vehicle file.
 
     Returns
     -------
@@ -447,8 +456,9 @@ def simulate(
 def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
     """Return v^2 times the curvature of the road [m/s2] for each row, with the speed v.
 
-    The bank of a road in a curve is assumed to be proportional to this value. The
-    curvature of the road is that of the car's path, smoothed over CURVE_LENGTH.
+    A fit assumes that the bank of a road in a curve is proportional to this value. The
+    curvature of the road is unknown. The curvature of the car's path, yaw rate / v, is
+    used in its place, smoothed over CURVE_LENGTH. Without a yaw rate the result is 0.
     """
     rate, v = log.measured["yaw_rate"], np.maximum(compute_speed(log.inputs, config), MIN_FIT_SPEED)
     if not np.isfinite(rate).any():
@@ -462,10 +472,11 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
     """Return 1 for a row whose inputs lie in its stretch at any fitted latency, otherwise
     0.
 
-    An input with a latency is read later in the log by this latency, which is at most
-    MAX_FITTED_LATENCY. So the rows in this time before the end of a stretch get 0. With a
-    negative latency, the first rows of a stretch would need the same test. But they are
-    in BURN_IN and are not compared.
+    If an input has the latency L, its value for the time t is read from the log at t + L.
+    L is at most MAX_FITTED_LATENCY. So rows that lie less than this time before the end
+    of their stretch get 0. A negative latency would lead before the start of the stretch.
+    No test is needed for it, because the first rows of a stretch are in BURN_IN and are
+    not compared.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:
@@ -474,9 +485,10 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
 
 
 def group_blocks(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
-    """Form groups of `count` consecutive blocks that are used; drop incomplete groups.
+    """Form groups of `count` consecutive blocks, and drop incomplete groups.
 
-    `time` [s] and `used` have one entry per block. No group extends across a gap in time.
+    `time` [s] and `used` have one entry per block. A group contains only blocks for which
+    `used` is True. No group extends across a gap in time.
 
     Returns
     -------
