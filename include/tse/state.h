@@ -1,32 +1,43 @@
 /* tse/state.h - structs that the caller allocates: static, on the stack or in a linker
- * section. Their members are internal (src/model/state.h), so the structs are declared
- * here as arrays of bytes with exact sizes. They hold no pointers: a copy of the struct
- * is a copy of the filter. */
+ * section. The caller needs their sizes, but not their members, which are internal
+ * (src/model/state.h). The structs are therefore declared here as arrays of bytes with
+ * exact sizes. They hold no pointers, so a copy of a struct tse_filter is a complete copy
+ * of the filter. */
 #ifndef TSE_STATE_H
 #define TSE_STATE_H
 
 #include "tse/limits.h"
 #include "tse/real.h"
 
-/* Sizes for the paper's filter. A sum over all particles is computed as TSE_LANES
- * interleaved partial sums that are added in a fixed order, so that its bits do not
- * depend on the vector width of the machine. An array over all particles has TSE_STRIDE
- * elements, TSE_LANES more than needed. Otherwise its size could be a power of two.
- * Elements with the same index in all arrays would then compete for the same cache sets,
- * which costs up to 14 % of the time. */
+/* Sizes for the paper's filter, the particle filter of Berntorp & Di Cairano (2016).
+ *   TSE_LANES   number of partial sums. Partial sum i of a sum over all particles adds
+ *               the particles i, i + TSE_LANES ... The partial sums are then added in a
+ *               fixed order. The rounding of the sum is therefore the same on machines
+ *               with different vector widths.
+ *   TSE_STRIDE  number of elements of an array with one element for each particle. It is
+ *               the max number of particles, rounded up to a multiple of TSE_LANES, plus
+ *               TSE_LANES. Without the extra TSE_LANES elements the size could be a power
+ *               of two. Elements with the same index in all arrays would then compete for
+ *               the same cache sets, and the filter would need up to 14 % more computing
+ *               time. */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* Number of members of each type in the structs, for each build. A build with
- * TSE_NO_VELOCITY refuses rows that give a velocity, and saves 1.9 kB of RAM in float.
- *   TSE_FILTER_SHORTS     tse_short in tse_filter
- *   TSE_FILTER_NUMBERS    tse_real in tse_filter
- *   TSE_FILTER_WHOLE      bytes of integers in tse_filter
- *   TSE_FILTER_PADDED     gaps of TSE_PADDING bytes in tse_filter
- *   TSE_CONSTANT_NUMBERS  tse_real in tse_params, without the effects
- *   TSE_PAPER_NUMBERS     tse_real in tse_filter_paper, without its tse_filter
- *   TSE_EFFECT_NUMBERS    tse_real in the effects of tse_params
- *   TSE_EFFECT_BYTES      bytes of integers in the effects of tse_params */
+/* Contents of the structs, from which their sizes in bytes are computed below. They
+ * depend on the build options. A build with TSE_NO_VELOCITY refuses rows that give a
+ * velocity. If tse_real is float, such a build needs 1.9 kB less RAM than one without
+ * this option.
+ *   TSE_FILTER_SHORTS     number of tse_short in tse_filter
+ *   TSE_FILTER_NUMBERS    number of tse_real in tse_filter
+ *   TSE_FILTER_WHOLE      number of bytes of the integers in tse_filter
+ *   TSE_FILTER_PADDED     number of places in tse_filter where the compiler inserts
+ *                         TSE_PADDING bytes
+ *   TSE_CONSTANT_NUMBERS  number of tse_real in tse_params, without those of the effects
+ *   TSE_PAPER_NUMBERS     number of tse_real in tse_filter_paper, without those of the
+ *                         tse_filter at its start
+ *   TSE_EFFECT_NUMBERS    number of tse_real in tse_params that belong to effects
+ *   TSE_EFFECT_BYTES      number of bytes of the integers in tse_params that belong to
+ *                         effects */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
 #define TSE_FILTER_NUMBERS (364 + 7 * TSE_LATENCY_KEPT)
@@ -57,8 +68,8 @@
 #define TSE_EFFECT_BYTES 40
 #endif
 
-/* Number of padding bytes between a 32-bit integer and a tse_real: 0 or 4, depending on
- * the alignment on this machine. */
+/* Number of padding bytes that the compiler inserts between a 32-bit integer and a
+ * tse_real: 0 or 4, depending on the alignment of tse_real on the target machine. */
 struct tse_aligned {
   int32_t first;
   tse_real number;

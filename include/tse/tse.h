@@ -2,9 +2,10 @@
  *
  * The default filter is an extended Kalman filter. Its model of the car has exact
  * kinematics; slip and slip angle of each axle are states. The force of a tyre has a
- * stiffness at zero slip and saturates at the friction limit. The steering angle is the
- * input, and both wheel speeds are measurements. Likelihood ratios detect a change of
- * road, a change of the tyres of one axle, sliding wheels and sensor faults.
+ * stiffness at zero slip and saturates at the friction limit. The steering angle is an
+ * input of the model. The speed of the front wheels and that of the rear wheels are
+ * measurements. Likelihood ratios detect a change of the road surface, a change of the
+ * tyres of one axle, sliding wheels and sensor faults.
  *
  * The paper's filter (setting form = 1) is the marginalized adaptive particle filter of
  * Berntorp & Di Cairano (2016). Equation numbers, as in (7), refer to that paper.
@@ -13,7 +14,7 @@
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
  *   tse_config_default(&c);
- *   c.mass = TSE_S(1650);                            without a mass no stiffness is valid
+ *   c.mass = TSE_S(1650);                            required: else no stiffness is valid
  *   if (tse_prepare(&c, &p, NULL) < 0) ...           compute constants from the settings
  *   tse_reset(&p, &f, sizeof f);                     initialise the filter
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);   process one row at a time
@@ -71,11 +72,12 @@ extern "C" {
  * calibrated. Each parameter has the mean and the standard deviation of passenger cars
  * (src/tables/uncalibrated.toml). After this call, set the known values of your car in
  * any order: mass, lf, lr, driven_axle, wheel radii.
- *   stiffness or      tse_prepare() uses the value of an ordinary car with the mass, lf
- *   yaw inertia 0     and lr in c
+ *   a stiffness 0     tse_prepare() uses the stiffness of an ordinary car with the mass,
+ *                     lf and lr in c
+ *   yaw inertia 0     tse_prepare() uses mass * lf * lr
  *   mass 0            The mass is unknown: tse_prepare() uses the mass of an ordinary
- *                     car, with an sd of 30 %. No stiffness becomes valid: the reason of
- *                     each is TSE_PARAMETERS_UNCERTAIN
+ *                     car, with an sd of 30 %. With such an sd no stiffness becomes
+ *                     valid: the reason of each is TSE_PARAMETERS_UNCERTAIN
  *   c NULL            no effect
  * The C library, the FMU, Python, the web page and the command line have the same
  * defaults. The command `tselab calibrate` finds smaller uncertainties from logs of the
@@ -84,29 +86,35 @@ void tse_config_default(tse_config *c);
 
 /* Fill c with a car of 1900 kg whose parameters are known exactly: all uncertainties are
  * 0, and all effects except exact_kinematics are off. Use it for a simulated car, with
- * tse_sim_reset(). For a real car the confidence intervals would be too narrow.
+ * tse_sim_reset(). For a real car the confidence intervals would be too narrow, because
+ * they would not include the uncertainty of its parameters.
  *   c NULL            no effect */
 void tse_config_exact(tse_config *c);
 
-/* Replace mass, yaw inertia and stiffness by the values that tse_prepare() would use if
- * they are 0, for example to display them. The filter does not need this call. If you
- * change the mass later, these values stay as they are.
+/* Set each of mass, yaw inertia and stiffnesses that is 0 to the value that tse_prepare()
+ * would use for it, for example to display this value. Settings that are not 0 stay
+ * unchanged. If the mass was 0, mass_sd becomes at least 30 %. The filter does not need
+ * this call. If you change the mass afterwards, the values that were set here are not
+ * adapted to the new mass.
  *   c NULL            no effect */
 void tse_config_complete(tse_config *c);
 
 /* Fill c with the paper's filter as printed, and with the car of the paper's study, whose
- * parameters are known exactly. The filter is Algorithm 1 on particles, without
+ * parameters are known exactly. The filter is Algorithm 1 of the paper, without
  * protection against divergence (src/paper/algorithm1.c). src/EQUATIONS.md lists each
  * deviation from equations (1) to (27). This filter needs a tse_filter_paper.
  *   c NULL            no effect */
 void tse_config_paper(tse_config *c);
 
 /* Fill c with the paper's filter and with settings that prevent its divergence after a
- * change of road. Older data lose their weight faster in the mean of a stiffness than in
- * its covariance, and still faster while innovations are correlated. A random stiffness
- * below stiffness_min is reflected at this limit. The method that integrates equation (7)
- * is of second order. Use this filter for comparison: on an ordinary car the default
- * filter is safer. This filter needs a tse_filter_paper.
+ * change of road. The forgetting factor of the mean of each stiffness is smaller than
+ * that of the covariance of the stiffnesses (settings forgetting_mean, forgetting). While
+ * innovations are correlated, the factor of the mean decreases further, down to
+ * forgetting_change. A stiffness that equation (25) draws below stiffness_min is
+ * reflected at this limit. The state equation (7) is integrated by a method of second
+ * order. Use this filter only for comparison with the paper: on an ordinary car the
+ * estimates of the default filter are more reliable. This filter needs a
+ * tse_filter_paper.
  *   c NULL            no effect */
 void tse_config_robust(tse_config *c);
 
@@ -124,7 +132,7 @@ tse_status tse_config_check(const tse_config *c, const char **wrong);
  *              fixed-point format of this build. *wrong then names the setting */
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
-/* Initialise the filter: the next row that tse_step() gets is its first one.
+/* Initialise the filter: tse_step() treats the next row as the first row of a log.
  *   Given:     p             from tse_prepare()
  *              filter_bytes  size of the caller's struct. With the paper's filter it
  *                            is sizeof(tse_filter_paper), and f is the first member
@@ -136,8 +144,11 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
  *   Cost:      O(filter_bytes) */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
 
-/* Fill u with zeros and dt = 0.01 s, without velocities, pedals and road. Then set the
- * channels that are measured, and set the bits of all other channels in `missing`.
+/* Fill u with zeros and dt = 0.01 s. Velocities, pedals and road angles are not used,
+ * because `given` is 0. After this call, set the values of the measured channels. For a
+ * measured velocity, pedal or road angle, set its bit in `given`. If the steering angle,
+ * a wheel speed, an acceleration or the yaw rate is not measured, set its bit in
+ * `missing`.
  *   u NULL            no effect */
 void tse_input_default(tse_input *u);
 
@@ -164,13 +175,13 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     a channel with a latency (settings ..._latency)
  *         Rows wait until the values of all channels are known. Meanwhile the status is
  *         TSE_W_WAITING, and the reasons are those of the last step. Once the values are
- *         known, the filter advances to the time of the newest row minus estimate_age.
+ *         known, the filter advances to the time that is estimate_age before this row.
  *     a channel with a latency, and dt above max_gap
- *         The waiting rows are discarded. The next step covers all the time since the
+ *         The waiting rows are discarded. The next step covers the whole time since the
  *         last step.
- *     a channel with a latency, and more rows than TSE_LATENCY_ROWS can hold
- *         Rows that are too close to the row before are skipped. The next step covers
- *         their time, too.
+ *     a channel with a latency, and more waiting rows than TSE_LATENCY_ROWS
+ *         Rows that follow the last stored row too closely are not stored. Their dt is
+ *         added to the dt of the next row that is stored.
  *     speed below hold_speed, reverse, or steering angle beyond max_steer
  *         No stiffness is updated. Default filter: the motion is set from the sensors of
  *         each row, and at standstill the gyro bias is updated.
@@ -180,16 +191,18 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     dt up to max_gap that differs from sample_time
  *         The motion is integrated in up to TSE_SUBSTEPS substeps.
  *     a measurement missing or out of range
- *         The other measurements are used. If there is none, the filter only predicts.
+ *         The other measurements are used. If no measurement is left, the filter only
+ *         predicts.
  *     steering angle missing
  *         The last angle is held for up to max_gap. After that the motion is unknown
- *         until there is an angle again.
+ *         until the next row with a steering angle.
  *     a measurement whose innovation e exceeds 3 sd
- *         Its gain is reduced: e^2/9 is used as the variance of the innovation.
+ *         Its gain is reduced: e^2/9 replaces the predicted variance of the innovation.
  *     a faulty channel
  *         regime[TSE_REGIME_FAULT] and fault_channel report it. The channel is ignored
  *         until it agrees with the prediction again. After a fault of the steering angle
- *         its offset is estimated again. A frozen steering angle counts as missing.
+ *         the estimation of its offset starts anew. A frozen steering angle counts as
+ *         missing.
  *     slip of an axle beyond max_slip
  *         regime[TSE_REGIME_SLIDING] reports it. No stiffness is valid.
  *     a change of road, or of the tyres of one axle
@@ -198,9 +211,10 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     sensor noise that differs from the setting
  *         The noise is estimated, up to noise_max times the setting. noise[] reports it.
  *     model discrepancy
- *         The model has an error in each channel of the IMU. It is treated as noise that
- *         is correlated over about a second. Its sd is model_sd times the recent rms of
- *         the channel. discrepancy[] reports this sd.
+ *         The filter assumes that the model has an error in each channel of the IMU. It
+ *         treats this error as noise that is correlated over about a second. The sd of
+ *         this noise is model_sd times the recent rms of the channel. discrepancy[]
+ *         reports this sd.
  *     a velocity (tse_input.given)
  *         It is a measurement with the latency velocity_latency. A value is
  *         ignored if it is NaN or out of range, repeats the previous value, or
@@ -209,13 +223,15 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *         They are used in place of accel_x to decide which axle rolls freely. If no axle
  *         rolls freely and the grade of the road is uncertain, the longitudinal stiffness
  *         is not updated.
- *     uncertain parameters (settings mass_sd to grade_sd)
- *         They reduce the gains (Schmidt-Kalman filter) and increase each sd.
+ *     uncertain parameters of the car (settings from mass_sd to grade_sd)
+ *         The larger these sds, the smaller are the gains (Schmidt-Kalman filter), and
+ *         the larger is the sd of each estimate.
  *   Unusual rows, paper's filter
  *     steering angle or wheel speed missing
  *         The last value is held for up to max_gap. After that the states stay constant.
  *     a measurement missing or out of range
- *         The other measurements are used. If there is none, the filter only predicts.
+ *         The other measurements are used. If no measurement is left, the filter only
+ *         predicts.
  *     velocity, brake, torques or road given
  *         The row is refused with TSE_E_INPUT. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
@@ -223,8 +239,8 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 /* Check a filter struct that was copied from a file or from another program. tse_step()
  * does not check the contents of f.
  *   Given:     p  from tse_prepare() with the same settings
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: f belongs to other
- *              parameters, or one of its values is out of range
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: f was reset with
+ *              parameters other than p, or one of its values is out of range
  *   Cost:      O(filter_bytes) */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
@@ -234,23 +250,26 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
  *   Returned:  sd[3]  contribution after the last row, relative to the nominal stiffness
  *                     as tse_output.stiffness_sd; unchanged if the result is negative
  *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (there is no such k) or TSE_E_STATE (f
- *              belongs to other parameters, or is the paper's filter)
+ *              was reset with parameters other than p, or is the paper's filter)
  *   Cost:      O(1) */
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
 
-/* Convert the stiffness of each axle from relative to N (longitudinal) and N/rad
- * (cornering): multiply it by the nominal value in c.
- *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT,
- *              TSE_CY_REAR; each array may be NULL */
+/* Convert estimated stiffnesses, which are relative to nominal values, to N
+ * (longitudinal) and N/rad (cornering): multiply them by the nominal values of c.
+ *   Returned:  mean[3], sd[3], spread[3]  from y->stiffness, y->stiffness_sd and
+ *              y->stiffness_spread, in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR;
+ *              each array may be NULL */
 void tse_stiffness_si(
     const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
 
 /* Check that this build rounds as IEEE 754 requires. Call it once, before the first
- * filter is used. -ffast-math and excess precision of sums already are compile errors.
- * This call detects contraction to fused multiply-add, -mrecip and similar options.
+ * filter is used. With -ffast-math, or if the compiler computes sums in a wider format
+ * than that of their operands (x87), the library does not compile. Other options change
+ * rounding without a compile error, for example the contraction of a product and a sum
+ * to a fused multiply-add, or -mrecip. This call detects them.
  *   Returned:  TSE_OK, or TSE_E_BUILD: results will differ from those of other builds.
- *              *wrong (if wrong is not NULL) then names the cause and the compiler option
- *              that cures it, a string constant */
+ *              *wrong (if wrong is not NULL) then points to a string constant that names
+ *              the cause, and the compiler option that removes it */
 tse_status tse_self_test(const char **wrong);
 
 /* Return the text of a status code of tse/status.h; never NULL. */

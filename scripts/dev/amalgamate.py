@@ -4,17 +4,17 @@
     python3 scripts/dev/amalgamate.py --out FOLDER
         write tse.h, tse.c, LICENSE, NOTICE
     python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
-        write these options into both files as defaults
+        write the same files, with float as default number format and without effects
 
 scripts/dropin/README.md describes how to compile the two files. tse.c contains the files
 of src, in the order of src/CMakeLists.txt. In tse.c, each function or variable that is
 not part of the public API is static.
 
-The two files have no CMake options. The user selects the same options by macros:
-TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS,
-TSE_NO_PARTICLES, TSE_FORMULA. One more macro, TSE_NO_DESCRIBE, removes the tables of
-names and texts. The build of the library does not need it: there the tables are in an
-object file of their own, which the linker leaves out if they are not used.
+Users of the two files do not need CMake. They select the options that CMake has for the
+library by macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS,
+TSE_NO_EFFECTS, TSE_NO_PARTICLES, TSE_FORMULA. One more macro, TSE_NO_DESCRIBE, removes
+the tables of names and texts. The build of the library does not need it: there the tables
+are in an object file of their own, which the linker leaves out if they are not used.
 
 The same sources and options give the same bytes. The script needs Python only.
 """
@@ -147,10 +147,10 @@ def parse_declaration(row: list[Token]) -> Declaration:
 
 
 def find_macros(text: str) -> list[str]:
-    """Return the macros that are defined at the end of a source, in the order of their
-    definitions.
+    """Return the macros that a source defines and does not undefine later.
 
-    #if and #else are ignored: a #define or #undef counts in every branch.
+    The macros are in the order of their definitions. #if and #else are ignored: each
+    #define and each #undef counts, even in a branch that is not compiled.
     """
     left: dict[str, None] = {}
     for what, name in re.findall(r"^[ \t]*#[ \t]*(define|undef)[ \t]+(\w+)", text, re.M):
@@ -180,8 +180,9 @@ def rename_words(text: str, names: dict[str, str]) -> str:
 def make_static(text: str, public: set[str]) -> str:
     """Make static each variable, and each function that is not in `public`.
 
-    An `extern` declaration of a variable is removed. It is not needed, because the file
-    that defines the variable comes first, and C++ would refuse it as a second definition.
+    An `extern` declaration of a variable is removed. The declaration is not needed,
+    because the file that defines the variable comes first. If it were made static
+    instead, a C++ compiler would refuse it as a second definition of the variable.
     """
     found = list(find_declarations(text))
     places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
@@ -199,7 +200,8 @@ def make_static(text: str, public: set[str]) -> str:
 class Amalgamation:
     """Makes the texts of tse.h and tse.c.
 
-    `defaults`: values that options of the build have if the user defines no macro."""
+    `defaults`: value of each build option that the user does not define as a macro. The
+    key is "real" (number format) or the name of the macro."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()

@@ -13,9 +13,11 @@ The cost: instructions for a row of the log, bytes of flash, RAM and stack.
 
 tests/budgets.toml has the targets and their limits. The programs run in the emulator
 qemu. A count is the number of instructions that qemu executes. Clock cycles are not
-measured. With -icount shift=6, each instruction takes 64 ns of emulated time, and the
-timer SysTick of the emulated processor measures this time. Each run also counts a loop of
-known length, to check the method. Counts are the same in every run and on every host.
+measured. With -icount shift=6, each instruction takes 64 ns of emulated time. The timer
+SysTick of the emulated processor measures the emulated time of a row. Divided by 64 ns,
+this time is the number of instructions. To check the method, each run counts the
+instructions of a loop of known length. Counts are the same in every run and on every
+host.
 """
 
 import argparse
@@ -63,7 +65,9 @@ class Measured:
     skipped: str = ""  # reason if the target was not measured, otherwise ""
     unfit: str = ""  # reason if the program does not fit into the memory, otherwise ""
     values: dict[str, float] = field(default_factory=dict)  # key: quantity of QUANTITIES
-    # key: kind of rows; value: number of rows, mean and maximum number of instructions
+    # key: kind of rows, such as "drive", the recorded drive, or "missing", rows with
+    # missing channels (KINDS lists all); value: number of rows, mean and maximum number
+    # of instructions for one of these rows
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     stacks: dict[str, int] = field(default_factory=dict)  # [bytes] key: method of measuring
 
@@ -214,8 +218,11 @@ class Flash:
 
 
 def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
-    """Build the library with the macros of a row `flash` of tests/budgets.toml. Return
-    its size in flash."""
+    """Build the library for the Cortex-M4F, without the parts that `row` leaves out.
+    Return its size in flash.
+
+    `row`: a table [[flash]] of tests/budgets.toml. Its list `define` has the macros that
+    leave out parts of the library."""
     machine = next(x for x in m.list_machines() if x.name == "Cortex-M4F")
     if machine.find_missing():
         return Flash(row)

@@ -29,10 +29,12 @@ OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL_CASE, studies.NOISE_3X, studies.LOW, studies.ROAD_CHANGE_CASE)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
 # Seeds of the random numbers of each filter. A filter runs on each drive with each of its
-# seeds. Reason: the RMS error of a particle filter depends on its seed. In double, over
-# the same 20 drives, the error is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for
-# cy_rear with seeds 11, 12, 13 and the seed of the drive. Fixed point rounds differently,
-# which changes the error of a single run as much as a different seed does.
+# seeds, and the RMS error is computed over all runs. Reason: the RMS error of a particle
+# filter depends on its seed. In double, over the same 20 drives, the error is
+# 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for cy_rear with seeds 11, 12, 13 and the
+# seed of the drive. Fixed point rounds differently, which changes the error of a single
+# run as much as a different seed does. With one seed, such a random change could exceed
+# LIMIT.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 # Limits of the difference between fixed point and double:
 # rms: [% of the RMS error in double] max increase of the RMS error
@@ -72,9 +74,10 @@ def build_library(real: str, small: bool = False) -> Library:
 
 
 def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
-    """Return the settings of a filter for a simulated car.
+    """Return the settings with which a filter estimates from drives of a simulated car.
 
-    `form`: default or paper; `about`: settings of the car."""
+    `form`: which filter: "default", the Kalman filter, or "paper", the particle filter;
+    `about`: settings of the car."""
     config = Config.exact({**INITIAL_SETTINGS, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Measure the delay from a CAN frame to its estimate in `tselab live`, and compare its
-estimates with those of `tselab estimate`.
+"""Measure the delay from a CAN frame to its estimate in `tselab live`, and compare the
+estimates of `tselab live` with those of `tselab estimate`.
 
     [chrt -r 10] .venv/bin/python scripts/dev/live.py [--seconds 60]
 
-Writes scripts/results/live.md. One process sends the CAN frames of a simulated drive over
+With `chrt -r 10`, all processes run with real-time priority. Writes
+scripts/results/live.md. One process sends the CAN frames of a simulated drive over
 UDP multicast in real time: every 10 ms three messages, for wheels, steering wheel and
 inertial sensor. A second process, `tselab live`, reads the frames, estimates, and records
 frames and rows. Afterwards `tselab estimate` reads the recorded rows, the recorded frames

@@ -4,7 +4,9 @@ scripts/dev/platforms.py checks that their results are equal in all bits.
 scripts/dev/budgets.py measures instructions, code and memory.
 
 A program consists of four parts: tse.c, which scripts/dev/amalgamate.py makes of the
-library; a file with main(); a port to the machine; and the recorded drive as a table.
+library; a file with the test program; a file that implements tests/embedded/port.h
+(output, counter of instructions) on the machine; and the recorded drive of tests/replay
+as a C table.
 qemu-system-arm emulates microcontrollers, qemu-user emulates other processors. A machine
 whose tools are not installed is skipped, and the reason is printed.
 """
@@ -53,7 +55,8 @@ def find_golden_file(real: str) -> Path:
 def read_golden(real: str) -> dict[str, str]:
     """Return a dict: run of the filter on the recorded drive -> hash of all its outputs.
 
-    The name of a run consists of the form of the filter and the method of resampling.
+    The name of a run consists of the name of the filter's settings, such as "default" or
+    "paper", and the number of the method of resampling: "default, scheme 0".
     tests/replay/update.py has written the hashes to the golden file."""
     return {
         name: hash_
@@ -78,8 +81,9 @@ M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 1
 M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
-# 20 MHz. With TrustZone, a memory has a secure and a non-secure address. These are the
-# secure addresses, because the processor starts in the secure state.
+# 20 MHz. In a processor with TrustZone, each memory has two addresses, a secure and a
+# non-secure one. These are the secure addresses, because the processor starts in the
+# secure state.
 M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)
 
 

@@ -7,9 +7,11 @@
 With the skeleton, everything builds, and two tests fail. The new test fails until you
 write the formula. A test of the table of effects fails until the row names at least one
 look-alike, i.e. an effect that changes the same channels in a similar way.
-CONTRIBUTING.md, "Add an effect", explains each part. The simulator and the replay call
-the new function, the filters do not. Only a CONSTANT effect acts on the filters, because
-it changes settings that the filters read. If the name exists or a value is not allowed,
+CONTRIBUTING.md, "Add an effect", explains each part. The option --hook selects the place
+in the model at which the new function is called. The simulator and the replay, which
+computes the motion for the inputs of a log, call the function. The filters do not call
+it. An effect with the hook CONSTANT influences the filters nevertheless, because it
+changes settings that the filters read. If the name exists or a value is not allowed,
 the script writes nothing, prints the reason and ends with exit code 2. It needs Python
 only.
 """
@@ -21,8 +23,9 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-# Key: hook. Value: where an effect of this hook acts (column `entry` of effects.toml),
-# signature of its function, and body of its function, which does nothing yet
+# Key: hook, the place in the model at which the function of an effect is called. Value:
+# part of the model that the effect changes (column `entry` of effects.toml), signature of
+# its function, and body of its function, which has no effect until the user completes it
 HOOKS = {
     "CONSTANT": (
         "parameters",
@@ -247,9 +250,11 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "scripts" / "dev" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
-    print(f"""  1. write the equation and the formula in src/model/{find_laws(asked.hook)}
-  2. complete the row in src/tables/effects.toml: title, channels that show the effect, look-alikes
-     (add this effect to the row of each look-alike, too), how often cars have it
+    print(f"""  1. in src/model/{find_laws(asked.hook)}: write the equation into the comment of the new
+     function, and the code that computes it into the function
+  2. complete the section [{asked.name}] of src/tables/effects.toml: title; channels that show the effect
+     (channels); effects that change the same channels in a similar way (alike; enter {asked.name} in
+     their sections as well); in which cars the effect occurs (occurrence)
   3. write the test, tests/unit/model/test_effect_{asked.name}.c, and run it:
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
   4. complete the line in src/EQUATIONS.md; then run .venv/bin/python scripts/dev/facts.py --fmu

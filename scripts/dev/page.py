@@ -6,7 +6,8 @@
     .venv/bin/python scripts/dev/page.py --out FILE
         write the page to a different file
     .venv/bin/python scripts/dev/page.py --without-npm
-        build the page as on a machine without npm: it reads CSV only, and tells the user
+        build the page as on a machine without npm: it reads CSV logs, but no Parquet logs
+        and no vehicle files, and displays a message if the user opens such a file
     .venv/bin/python scripts/dev/page.py --ship
         write docs/try.html, which is in git, for users without a compiler
     .venv/bin/python scripts/dev/page.py --check
@@ -119,7 +120,7 @@ def write_library() -> Path:
 def compute_digest() -> str:
     """Return a hash of the sources of the page.
 
-    The hash does not depend on the compiler and on the contents of the npm packages."""
+    It depends neither on the compiler nor on the contents of the npm packages."""
     files = [
         *sorted(write_library().iterdir()),
         *(SOURCES / name for name in ("page.c", "page.html", "vendor.js", "package-lock.json")),

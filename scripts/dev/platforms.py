@@ -13,9 +13,9 @@ outputs of all rows equals that in tests/replay/golden_<format>.csv. All machine
 default filter. Machines that are not emulated also run the particle filter, with each
 method of resampling. The script fails if a hash differs, or if the library compiles with
 flags with which it would give different bits. `scripts/setup.sh machines` lists missing
-tools. build/platforms.json keeps the results. If sources, compiler and flags have not
-changed, a later call without --short uses the kept result of a machine, and therefore
-also resumes an interrupted run.
+tools. build/platforms.json keeps the result of each machine that has passed. A later call
+without --short uses this result if sources, compiler and flags have not changed, so that
+after an interruption only the remaining machines are run.
 """
 
 import argparse
@@ -132,8 +132,9 @@ def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
 def list_results(only: str, short: bool) -> list[Result]:
     """Return a Result without a verdict for each machine and format to run.
 
-    Emulated machines come first, because only this script tests them: the presets of
-    CMake test the compilers of this computer."""
+    Emulated machines come first, so that their failures are seen first: only this script
+    tests emulated machines. The presets of CMake also test the compilers of this
+    computer."""
     out = []
     for machine in sorted(m.list_machines(), key=lambda x: not x.run):
         for real in m.read_formats():

@@ -4,8 +4,8 @@
 
 Prints N places of the sources, each with the lines of code around it. The reader says in
 one sentence what each text means, and whether it had to be read twice. --skip names the
-seeds of earlier calls, whose places are left out. Those calls must have had the same
---count.
+seeds of earlier calls, whose places are left out. The script draws these places again, so
+--count must be the same as in the earlier calls, and the sources must be unchanged.
 """
 
 import argparse

@@ -155,7 +155,9 @@ def build_fmus(r: Release) -> None:
 def link_headers(r: Release) -> None:
     """Link .venv and the cache of zig into the folder of the exported commit.
 
-    .venv has the headers of FMI, which scripts/setup.sh has fetched."""
+    The exported folder has only the files in git. The build needs the headers of FMI,
+    which scripts/setup.sh has fetched to .venv. With the cache, zig need not compile the
+    C library of each platform again."""
     (r.source / "build").mkdir(exist_ok=True)
     for name in (".venv", "build/zig-cache"):
         (ROOT / name).mkdir(parents=True, exist_ok=True)

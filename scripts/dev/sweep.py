@@ -91,9 +91,9 @@ def build_library(name: str, factor: float) -> Library:
 def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
     """Run the filter on a drive. Return RMS error and coverage [%] of each stiffness.
 
-    Only rows in the score windows of the case count. Coverage is the share of rows in
-    which the 95 % interval contains the true stiffness. If `lib` is None, the
-    unchanged library is used.
+    Both are computed from the rows within `case.windows`, the time intervals of the drive
+    in which the case is scored. Coverage is the share of these rows in which the 95 %
+    interval contains the true stiffness. If `lib` is None, the unchanged library is used.
     """
     settings = {**INITIAL_SETTINGS, **d.about}
     config = Config.exact(settings, lib=lib)

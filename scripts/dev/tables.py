@@ -51,8 +51,8 @@ NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() 
 # text of such a setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; no effect in the paper's filter", "paper": "; no effect in the default filter"}
-# First part of the sentence on how the filters use an effect. Key: value of the column
-# `filter` of the effect.
+# First part of the text in tse_describe_effects() on how the filters use an effect
+# (describe_use()). Key: value of the column `filter` of the effect.
 USES = {
     "both": "both filters use it",
     "default": "the default filter uses it, the paper's does not",
@@ -75,11 +75,12 @@ def find_file(name: str) -> str:
 def read_settings(name: str) -> dict[str, Row]:
     """Return the settings of a table by name: defaults, range, unit and text of each.
 
-    Columns added to those of the file:
-    default: value in tse_config_default(), an ordinary car;
-    exact: value in tse_config_exact(), a car that is known exactly;
+    Each setting has the columns that the file states for it, with these changes:
+    default: value in tse_config_default(), for an ordinary car;
+    exact: value in tse_config_exact(), for a car whose parameters are known exactly;
     whole: True if the setting is an integer;
-    filter: filters whose estimates depend on the setting; "both" if the file has none.
+    filter: filters whose estimates depend on the setting; "both" if the file does not
+    state this column.
     """
     table = read(name)
     if name == "formula":
@@ -363,8 +364,8 @@ def describe_settings() -> list[str]:
 def count_effect_numbers() -> list[str]:
     """Return the definition of TSE_EFFECT_NUMBERS, the number of reals in tse_effects.
 
-    These reals are the settings of the effects, the mass, and nine numbers of the
-    formula: its gain and its eight named numbers.
+    These reals are the settings of the effects, the mass of the car, and nine settings of
+    the user's formula: formula_gain, and its numbers formula_a .. formula_h.
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 
@@ -424,9 +425,11 @@ def list_operations() -> Iterator[str]:
 
 
 def read_truths() -> list[tuple[str, str, str, Row]]:
-    """Return group, name, member and row of each column with a true value.
+    """Return the columns with the true values of a simulated drive.
 
-    Only rows of the simulator have such columns, not rows of a log."""
+    A recorded log has no such columns. For each column, return the group and the name of
+    the column, the member of tse_sim_output with the value, and the table row that
+    describes the column (unit, text, kind)."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 

@@ -4,10 +4,12 @@
     .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
 A block begins with the comment `<!-- table: X -->` or `<!-- code: X -->` and ends with
-the comment `<!-- end -->`. The text between both comments is replaced by the content of
-X. X is the path of a file of the repository, or the part of a name make_X() after make_
-(a function of docsite.tables or of this module), or symptom/CASE. CASE is a key of
-docsite.symptoms.CASES.
+the comment `<!-- end -->`. The text between both comments is replaced by text that
+depends on X:
+    path of a file   the content of the file
+    symptom/CASE     the description of the case CASE, a key of docsite.symptoms.CASES
+    any other name   the text that the function make_X() of this module or of
+                     docsite.tables returns
 """
 
 import enum
