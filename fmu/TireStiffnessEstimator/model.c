@@ -147,7 +147,7 @@ void model_list_codes(fmu_code_row *row, void *to)
   static const char *const changes[][2] = {
     // clang-format off: table changes
     { "none", "none yet" },
-    { "road", "all tyres: a different road" },
+    { "road", "all tyres: a different road surface" },
     { "front axle", "the tyres of the front axle" },
     { "rear axle", "the tyres of the rear axle" },
     { "started over", "the filter started over" },

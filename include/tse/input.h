@@ -32,10 +32,11 @@ typedef struct tse_input {
   uint32_t missing; /* bits TSE_MISSING_...: channels above that are not measured in this row */
   uint32_t given;   /* bits TSE_GIVEN_...: optional channels below that are measured in this row */
   // clang-format off: table input_optional
-  tse_real ins_vel_x;          /* [m/s] -120 .. 120, otherwise missing; longitudinal velocity, from an INS
-                                * or an optical sensor */
-  tse_real ins_vel_y;          /* [m/s] -60 .. 60, otherwise missing; lateral velocity, positive left, from
-                                * an INS or an optical sensor */
+  tse_real ins_vel_x;          /* [m/s] -120 .. 120, otherwise missing; longitudinal velocity of the
+                                * reference point of an INS or an optical sensor (settings
+                                * velocity_lever_...) */
+  tse_real ins_vel_y;          /* [m/s] -60 .. 60, otherwise missing; lateral velocity of the reference
+                                * point of an INS or an optical sensor, positive left */
   tse_real gnss_speed;         /* [m/s] 0 .. 120, otherwise missing; speed over ground */
   tse_real gnss_course;        /* [rad] -7 .. 7, otherwise missing; direction of the motion over ground,
                                 * positive left (counter-clockwise from above), relative to any fixed
@@ -47,10 +48,11 @@ typedef struct tse_input {
                                 * of both front wheels */
   tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque
                                 * of both rear wheels */
-  tse_real bank;               /* [rad] -0.35 .. 0.35, otherwise missing; total bank of the road, positive
-                                * if the left side is higher; it replaces the bank in the settings */
-  tse_real grade;              /* [rad] -0.35 .. 0.35, otherwise missing; total grade of the road, positive
-                                * uphill; it replaces grade_angle */
+  tse_real bank;               /* [rad] -0.35 .. 0.35, otherwise missing; bank of the road, positive if the
+                                * left side is higher. It includes the superelevation of a curve, and is
+                                * used in place of the settings bank_angle and bank_superelevation */
+  tse_real grade;              /* [rad] -0.35 .. 0.35, otherwise missing; grade of the road, positive
+                                * uphill, used in place of the setting grade_angle */
   // clang-format on: end of table
 } tse_input;
 

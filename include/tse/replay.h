@@ -32,10 +32,12 @@ typedef struct tse_replay_log {
                                        * higher, added to the setting bank_angle */
   const tse_real *slip_front;         /* [rad] or NULL; disturbance that is added to the front slip angle */
   const tse_real *slip_rear;          /* [rad] or NULL; disturbance that is added to the rear slip angle */
-  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force / mass, positive forward; the
-                                       * accelerometer measures it */
-  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force / mass, positive left; the
-                                       * accelerometer measures it */
+  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force / mass, positive forward, for
+                                       * example of wind. As a tyre force does, it accelerates the car, and
+                                       * accel_x measures it */
+  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force / mass, positive left, for
+                                       * example of wind. As a tyre force does, it accelerates the car, and
+                                       * accel_y measures it */
   const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment / yaw inertia, positive
                                        * left */
   // clang-format on: end of table
@@ -44,9 +46,9 @@ typedef struct tse_replay_log {
 /* Constants and initial state of a replay. The comments give: [unit] default; meaning. */
 typedef struct tse_replay_start {
   // clang-format off: table replay_start_members
-  tse_real cx_front;             /* [1] 1; front longitudinal stiffness, relative to nominal; the rear one
-                                  * deviates from nominal by rear_longitudinal_follows_front times the
-                                  * deviation of the front one */
+  tse_real cx_front;             /* [1] 1; front longitudinal stiffness, relative to nominal. The rear
+                                  * longitudinal stiffness, relative to nominal, is 1 + f (cx_front - 1),
+                                  * where f is the setting rear_longitudinal_follows_front */
   tse_real cy_front;             /* [1] 1; front cornering stiffness, relative to nominal */
   tse_real cy_rear;              /* [1] 1; rear cornering stiffness, relative to nominal */
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */
@@ -75,10 +77,12 @@ typedef struct tse_replay_out {
   tse_real *vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real *vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real *true_yaw_rate;       /* [rad/s] true yaw rate of the car */
-  tse_real *wheel_torque_front;  /* [Nm] drive torque minus brake torque of the front wheels, computed from
-                                  * the longitudinal force and the inertia of the wheels */
-  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of the rear wheels, computed from
-                                  * the longitudinal force and the inertia of the wheels */
+  tse_real *wheel_torque_front;  /* [Nm] drive torque minus brake torque of both front wheels: longitudinal
+                                  * tyre force times wheel radius, plus wheel_inertia_front times the
+                                  * angular acceleration of the logged wheel speed */
+  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of both rear wheels: longitudinal
+                                  * tyre force times wheel radius, plus wheel_inertia_rear times the
+                                  * angular acceleration of the logged wheel speed */
   // clang-format on: end of table
 } tse_replay_out;
 

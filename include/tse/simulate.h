@@ -29,29 +29,32 @@ typedef struct tse_sim_config {
                                                  * front wheels */
   tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * rear wheels */
-  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean front longitudinal stiffness,
-                                                 * relative to nominal; the rear one deviates from nominal
-                                                 * by rear_longitudinal_follows_front times the deviation
-                                                 * of the front one */
-  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness,
-                                                 * relative to nominal */
-  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness,
-                                                 * relative to nominal */
+  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean over time of the front
+                                                 * longitudinal stiffness, relative to nominal. The rear
+                                                 * longitudinal stiffness, relative to nominal, is 1 + f
+                                                 * (true_cx_front - 1), where f is the setting
+                                                 * rear_longitudinal_follows_front */
+  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean over time of the front cornering
+                                                 * stiffness, relative to nominal */
+  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean over time of the rear cornering
+                                                 * stiffness, relative to nominal */
   tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
                                                  * longitudinal stiffness, relative to its mean */
   tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
                                                  * cornering stiffness, relative to its mean */
   tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the rear
                                                  * cornering stiffness, relative to its mean */
-  tse_setting noise;                            /* [1] 1, 0 .. 100; ratio of the true noise sd of the IMU
-                                                 * channels to the sd in the settings */
+  tse_setting noise;                            /* [1] 1, 0 .. 100; factor on the noise sds of the IMU in
+                                                 * the vehicle settings (accel_x_sd, accel_y_sd,
+                                                 * yaw_rate_sd); 1: the simulated noise has these sds */
   tse_setting steer_angle_sd;                   /* [rad] 0, 0 .. 0.1; noise sd of the logged steering angle */
   tse_setting wheel_speed_sd;                   /* [rad/s] 0, 0 .. 10; noise sd of the logged wheel speeds */
   tse_setting true_bias_accel_x;                /* [m/s2] 0, -5 .. 5; accel_x bias at the start */
   tse_setting true_bias_accel_y;                /* [m/s2] 0, -5 .. 5; accel_y bias at the start */
   tse_setting true_bias_yaw_rate;               /* [rad/s] 0, -0.5 .. 0.5; yaw_rate bias at the start */
-  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; ratio of the sd of the random walk of
-                                                 * the true biases to the sd in the settings */
+  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; factor on the sds of the random walks
+                                                 * of the biases in the vehicle settings (accel_x_bias_walk
+                                                 * ...); 0: the simulated biases are constant */
   tse_setting speed;                            /* [m/s] 20, 0 .. 70; vel_x at the start; the wheels then
                                                  * roll freely */
   tse_setting vel_y;                            /* [m/s] 0, -20 .. 20; vel_y at the start; positive: the
@@ -59,8 +62,9 @@ typedef struct tse_sim_config {
   tse_setting friction;                         /* [1] 0, 0 .. 2; friction coefficient at which the tyre
                                                  * forces of an axle saturate; 0: linear tyres */
   tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; max step of the integration */
-  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: the inputs of the driver are held from row
-                                                 * to row; 0: they change linearly between rows */
+  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: the inputs of a row stay constant until
+                                                 * the next row; 0: the inputs change linearly from row to
+                                                 * row */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
   // clang-format on: end of table
 } tse_sim_config;
@@ -73,16 +77,18 @@ typedef struct tse_sim_input {
   tse_real dt; /* [s] (0, 1]; time since the previous row; ignored at the first row */
   // clang-format off: table sim_input_members
   tse_real steer_angle;        /* [rad] 0, -1.2 .. 1.2; road-wheel angle of the front axle, positive left */
-  tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle; a negative
-                                * torque accelerates the wheels backwards */
-  tse_real wheel_torque_rear;  /* [Nm] 0, -100000 .. 100000; drive torque of the rear axle; a negative
-                                * torque accelerates the wheels backwards */
+  tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle, positive
+                                * forward; unlike a brake torque, a negative drive torque can make the
+                                * wheels rotate backwards */
+  tse_real wheel_torque_rear;  /* [Nm] 0, -100000 .. 100000; drive torque of the rear axle, positive
+                                * forward; unlike a brake torque, a negative drive torque can make the
+                                * wheels rotate backwards */
   tse_real brake_torque_front; /* [Nm] 0, 0 .. 100000; brake torque of the front axle; it opposes the
                                 * rotation and holds the wheels at standstill */
   tse_real brake_torque_rear;  /* [Nm] 0, 0 .. 100000; brake torque of the rear axle; it opposes the
                                 * rotation and holds the wheels at standstill */
-  tse_real road_level;         /* [1] 1, 0.02 .. 10; stiffness of all tyres on this road relative to that
-                                * on a dry road */
+  tse_real road_level;         /* [1] 1, 0.02 .. 10; factor by which this road surface changes the mean
+                                * stiffness of all tyres; 1: dry road */
   tse_real road_friction;      /* [1] 0, 0 .. 2; friction coefficient at which the tyre forces of an axle
                                 * saturate; 0: value of the setting friction */
   tse_real bank;               /* [rad] 0, -0.35 .. 0.35; bank of the road, positive if the left side is

@@ -42,8 +42,8 @@ typedef enum tse_status {
                                  * or overflow) */
   TSE_W_WAITING = 8,            /* no step in this row: the filter waits for channels with a latency; the
                                  * estimates are those of the last step, or of the start */
-  TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it is
-                                 * limited, or the sample was dropped */
+  TSE_W_RANGE = 9,              /* a number of the filter reached the limit of the fixed-point format: the
+                                 * number is kept at this limit, or the sample that led to it is not used */
   TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: one has a wrong unit or sign,
                                  * belongs to a different axle, or is late; fault_channel names it,
                                  * fault_factor is the factor by which it is too large */
@@ -62,8 +62,8 @@ typedef enum tse_reason {
   TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels:
                                  * the last value is held */
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
-  TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to
-                                 * grade_sd): calibrate, or measure them better */
+  TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (their sds are the settings
+                                 * from mass_sd to grade_sd): calibrate, or measure the parameters better */
   TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or search for a
                                  * missing effect (tselab gap) */
   TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: one has a wrong unit or sign,

@@ -486,7 +486,7 @@ def make_learnt_layout() -> str:
     """Return the layout of a file with a learnt state, from the comment in
     tse/learnt.h."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
-    layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
+    layout = text[text.index('     0  "tsel"') - 3 : text.index(" *\n * In every format")]
     return (
         "```text\n" + "\n".join(line.removeprefix(" *") for line in layout.splitlines()).rstrip() + "\n```\n"
     )

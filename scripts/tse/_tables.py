@@ -79,8 +79,8 @@ class Status(IntEnum):
     """No step in this row: the filter waits for channels with a latency; the estimates
     are those of the last step, or of the start."""
     RANGE = 9
-    """A number reached the end of the range of the number format: it is limited, or
-    the sample was dropped."""
+    """A number of the filter reached the limit of the fixed-point format: the number
+    is kept at this limit, or the sample that led to it is not used."""
     IMPLAUSIBLE = 10
     """The channels contradict each other: one has a wrong unit or sign, belongs to a
     different axle, or is late; fault_channel names it, fault_factor is the factor
@@ -110,10 +110,11 @@ class Row(TypedDict, total=False):
     yaw_rate: float
     """Yaw rate, positive left (counter-clockwise from above) [-6 .. 6 rad/s]."""
     ins_vel_x: float
-    """Longitudinal velocity, from an INS or an optical sensor [-120 .. 120 m/s]."""
+    """Longitudinal velocity of the reference point of an INS or an optical sensor
+    (settings velocity_lever_...) [-120 .. 120 m/s]."""
     ins_vel_y: float
-    """Lateral velocity, positive left, from an INS or an optical sensor [-60 .. 60
-    m/s]."""
+    """Lateral velocity of the reference point of an INS or an optical sensor, positive
+    left [-60 .. 60 m/s]."""
     gnss_speed: float
     """Speed over ground [0 .. 120 m/s]."""
     gnss_course: float
@@ -127,11 +128,12 @@ class Row(TypedDict, total=False):
     wheel_torque_rear: float
     """Drive torque minus brake torque of both rear wheels [-20000 .. 20000 Nm]."""
     bank: float
-    """Total bank of the road, positive if the left side is higher; it replaces the
-    bank in the settings [-0.35 .. 0.35 rad]."""
+    """Bank of the road, positive if the left side is higher. It includes the
+    superelevation of a curve, and is used in place of the settings bank_angle and
+    bank_superelevation [-0.35 .. 0.35 rad]."""
     grade: float
-    """Total grade of the road, positive uphill; it replaces grade_angle [-0.35 .. 0.35
-    rad]."""
+    """Grade of the road, positive uphill, used in place of the setting grade_angle
+    [-0.35 .. 0.35 rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +161,9 @@ class Estimate(EstimateBase):
     sideslip_sd: float
     """Standard deviation of sideslip [rad]."""
     grip: float
-    """Friction coefficient of the tyres: max lateral force of an axle / its load; if
-    tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both
-    axles; default filter only."""
+    """Friction coefficient of the tyres: max lateral force of an axle / its load. If
+    the setting tyre_saturation_balance is not 0, the axles have different
+    coefficients, and grip is their harmonic mean; default filter only."""
     grip_sd: float
     """Standard deviation of grip."""
     grip_valid: bool
@@ -173,8 +175,9 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Standard deviation of cx_front [N]."""
     cx_front_spread: float
-    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
-    sd of the stiffness, sqrt(Sigma) [N]."""
+    """Default filter: setting model_sd times the stiffness; paper's filter: sample-to-
+    sample sd of the stiffness, sqrt(Sigma), where Sigma is the covariance of the
+    process noise [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -187,8 +190,9 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Standard deviation of cy_front [N/rad]."""
     cy_front_spread: float
-    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
-    sd of the stiffness, sqrt(Sigma) [N/rad]."""
+    """Default filter: setting model_sd times the stiffness; paper's filter: sample-to-
+    sample sd of the stiffness, sqrt(Sigma), where Sigma is the covariance of the
+    process noise [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -201,8 +205,9 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Standard deviation of cy_rear [N/rad]."""
     cy_rear_spread: float
-    """Default filter: model_sd times the stiffness; paper's filter: sample-to-sample
-    sd of the stiffness, sqrt(Sigma) [N/rad]."""
+    """Default filter: setting model_sd times the stiffness; paper's filter: sample-to-
+    sample sd of the stiffness, sqrt(Sigma), where Sigma is the covariance of the
+    process noise [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is estimated; if not, it is the setting, or too small to
     observe."""
@@ -233,11 +238,11 @@ class Estimate(EstimateBase):
     noise_wheel_rear: float
     """Estimated noise sd of wheel_speed_rear / its setting."""
     p_steady: float
-    """Probability that the tyres have not changed within the last 2 s, no channel is
-    faulty, and no wheel locks or spins."""
+    """Probability that no channel is faulty, no wheel locks or spins, and within the
+    last 2 s neither has a stiffness changed nor has the filter started over."""
     p_changed: float
     """Probability that the stiffness of all tyres has changed within the last 2 s: a
-    different road."""
+    different road surface."""
     p_axle: float
     """Probability that the stiffness of one axle has changed within the last 2 s."""
     p_fault: float
@@ -249,8 +254,8 @@ class Estimate(EstimateBase):
     change_age: float
     """Time since the last change (change_kind); 0 before the first change [s]."""
     change_probability: float
-    """Probability that no further change or sensor fault has begun since the last
-    change; 0 before the first change."""
+    """Probability that since the last change (change_kind) no further change, sliding
+    or sensor fault has begun; 0 before the first change."""
     change_kind: int
     """Kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear
     axle, 4 the filter started over."""
@@ -263,27 +268,30 @@ class Estimate(EstimateBase):
     fault_channel: str | None
     """The channel that is most probably faulty; None if no channel is."""
     discrepancy_accel_x: float
-    """Model discrepancy of accel_x: sd of the part that the model does not explain
-    [m/s2]."""
+    """Sd of the model discrepancy of accel_x, the part that the model does not
+    explain: setting model_sd times the recent rms of accel_x [m/s2]."""
     discrepancy_accel_y: float
-    """Model discrepancy of accel_y [m/s2]."""
+    """Sd of the model discrepancy of accel_y [m/s2]."""
     discrepancy_yaw_rate: float
-    """Model discrepancy of yaw_rate [rad/s]."""
+    """Sd of the model discrepancy of yaw_rate [rad/s]."""
     innovation_accel_x: float
-    """Innovation of accel_x: measured minus predicted value; 0 if it was not used;
-    default filter only [m/s2]."""
+    """Innovation of accel_x: measured minus predicted value; 0 if accel_x was not
+    used; default filter only [m/s2]."""
     innovation_accel_y: float
     """Innovation of accel_y [m/s2]."""
     innovation_yaw_rate: float
     """Innovation of yaw_rate [rad/s]."""
     innovation_wheel_front: float
-    """Innovation of the front wheel speed times radius [m/s]."""
+    """Innovation of the circumferential speed (wheel speed times radius) of the front
+    wheels [m/s]."""
     innovation_wheel_rear: float
-    """Innovation of the rear wheel speed times radius [m/s]."""
+    """Innovation of the circumferential speed (wheel speed times radius) of the rear
+    wheels [m/s]."""
     nis_accel_x: float
-    """Normalised innovation squared of accel_x; the slowly varying part of the
-    innovation is subtracted first. The mean is 1 if model and settings fit; 0 if it
-    was not used; default filter only."""
+    """Normalised innovation squared of accel_x. Model errors cause a slowly varying
+    part of the innovation, which is estimated and subtracted first. The mean of nis
+    over many rows is 1 if model and settings fit; 0 if accel_x was not used;
+    default filter only."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
@@ -298,8 +306,8 @@ class Estimate(EstimateBase):
     lag_steer_sd: float
     """Standard deviation of lag_steer [s]."""
     estimate_age: float
-    """Age of the estimates: time of this row minus the time to which they refer
-    (settings ..._latency) [s]."""
+    """Age of the estimates: time of this row minus the time to which they refer; above
+    0 if the filter waits for channels with a latency (settings ..._latency) [s]."""
     n_eff: float
     """Effective number of particles, 1/sum q^2 of their weights q; default filter: 1."""
     log_evidence: float
@@ -317,6 +325,7 @@ class Estimate(EstimateBase):
     """Secant cornering stiffness of the rear axle: force / slip angle at the slip and
     load of this row [N/rad]."""
     fault_factor: float
-    """Factor by which the implausible channel is too large, such as 57.3 for degrees
-    in place of radians, or -1 for a wrong sign; 0: no such factor, or the channel
-    is exchanged, stuck or late."""
+    """Factor by which the channel that contradicts the others (fault_channel) is too
+    large, such as 57.3 for degrees in place of radians, or -1 for a wrong sign; 0:
+    no channel contradicts the others, or its error is not a factor: front and rear
+    wheel speeds are exchanged, or the channel is constant or late."""

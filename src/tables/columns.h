@@ -31,8 +31,11 @@
   ROW(accel_y, 0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive left") \
   ROW(yaw_rate, 0, -6.0, 6.0, "rad/s", "yaw rate, positive left (counter-clockwise from above)")
 #define VELOCITIES(ROW) \
-  ROW(ins_vel_x, 0, -120.0, 120.0, "m/s", "longitudinal velocity, from an INS or an optical sensor") \
-  ROW(ins_vel_y, 0, -60.0, 60.0, "m/s", "lateral velocity, positive left, from an INS or an optical sensor") \
+  ROW(ins_vel_x, 0, -120.0, 120.0, "m/s", \
+      "longitudinal velocity of the reference point of an INS or an optical sensor (settings " \
+      "velocity_lever_...)") \
+  ROW(ins_vel_y, 0, -60.0, 60.0, "m/s", \
+      "lateral velocity of the reference point of an INS or an optical sensor, positive left") \
   ROW(gnss_speed, 0, 0.0, 120.0, "m/s", "speed over ground") \
   ROW(gnss_course, 0, -7.0, 7.0, "rad", \
       "direction of the motion over ground, positive left (counter-clockwise from above), relative to any" \
@@ -46,20 +49,24 @@
   ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive torque minus brake torque of both rear wheels")
 #define ROADS(ROW) \
   ROW(bank, 0, -0.35, 0.35, "rad", \
-      "total bank of the road, positive if the left side is higher; it replaces the bank in the settings") \
-  ROW(grade, 0, -0.35, 0.35, "rad", "total grade of the road, positive uphill; it replaces grade_angle")
+      "bank of the road, positive if the left side is higher. It includes the superelevation of a curve, " \
+      "and is used in place of the settings bank_angle and bank_superelevation") \
+  ROW(grade, 0, -0.35, 0.35, "rad", \
+      "grade of the road, positive uphill, used in place of the setting grade_angle")
 #define DRIVER(ROW) \
   ROW(steer_angle, 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left") \
   ROW(wheel_torque_front, 0.0, -100000.0, 100000.0, "Nm", \
-      "drive torque of the front axle; a negative torque accelerates the wheels backwards") \
+      "drive torque of the front axle, positive forward; unlike a brake torque, a negative drive torque " \
+      "can make the wheels rotate backwards") \
   ROW(wheel_torque_rear, 0.0, -100000.0, 100000.0, "Nm", \
-      "drive torque of the rear axle; a negative torque accelerates the wheels backwards") \
+      "drive torque of the rear axle, positive forward; unlike a brake torque, a negative drive torque " \
+      "can make the wheels rotate backwards") \
   ROW(brake_torque_front, 0.0, 0.0, 100000.0, "Nm", \
       "brake torque of the front axle; it opposes the rotation and holds the wheels at standstill") \
   ROW(brake_torque_rear, 0.0, 0.0, 100000.0, "Nm", \
       "brake torque of the rear axle; it opposes the rotation and holds the wheels at standstill") \
   ROW(road_level, 1.0, 0.02, 10.0, "1", \
-      "stiffness of all tyres on this road relative to that on a dry road") \
+      "factor by which this road surface changes the mean stiffness of all tyres; 1: dry road") \
   ROW(road_friction, 0.0, 0.0, 2.0, "1", \
       "friction coefficient at which the tyre forces of an axle saturate; 0: value of the setting friction") \
   ROW(bank, 0.0, -0.35, 0.35, "rad", \
@@ -76,37 +83,38 @@
   NUMBER(sideslip, sideslip, "rad", \
       "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill") \
   NUMBER(sideslip_sd, sideslip_sd, "rad", "standard deviation of sideslip") \
-  NUMBER(grip, grip, "1", "friction coefficient of the tyres: max lateral force of an axle / its load; if " \
-      "tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both axles; default " \
-      "filter only") \
+  NUMBER(grip, grip, "1", \
+      "friction coefficient of the tyres: max lateral force of an axle / its load. If the setting " \
+      "tyre_saturation_balance is not 0, the axles have different coefficients, and grip is their " \
+      "harmonic mean; default filter only") \
   NUMBER(grip_sd, grip_sd, "1", "standard deviation of grip") \
   REASON(grip, grip_reason, grip_valid, "the grip") \
   STIFFNESS(cx_front, stiffness[0], mean[0], "N", "mean longitudinal stiffness of the front axle") \
   STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "standard deviation of cx_front") \
   STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", \
-      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
-      "stiffness, sqrt(Sigma)") \
+      "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cx_front_spread_seen, spread_seen[0], \
-      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
-      "estimated with these sensors and this excitation") \
+      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
+      "setting model_sd, or the stiffness is not valid") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
   STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "mean cornering stiffness of the front axle") \
   STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "standard deviation of cy_front") \
   STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", \
-      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
-      "stiffness, sqrt(Sigma)") \
+      "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cy_front_spread_seen, spread_seen[1], \
-      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
-      "estimated with these sensors and this excitation") \
+      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
+      "setting model_sd, or the stiffness is not valid") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
   STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "mean cornering stiffness of the rear axle") \
   STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "standard deviation of cy_rear") \
   STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", \
-      "default filter: model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
-      "stiffness, sqrt(Sigma)") \
+      "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
+      "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cy_rear_spread_seen, spread_seen[2], \
-      "1: the spread is learnt (paper's filter); 0: it follows from a setting, or is too small to be " \
-      "estimated with these sensors and this excitation") \
+      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
+      "setting model_sd, or the stiffness is not valid") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
   NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: measured minus true value") \
   NUMBER(bias_accel_x_sd, bias_sd[0], "m/s2", "standard deviation of bias_accel_x") \
@@ -120,10 +128,11 @@
   NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front / its setting") \
   NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear / its setting") \
   NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", \
-      "probability that the tyres have not changed within the last 2 s, no channel is faulty, and no " \
-      "wheel locks or spins") \
+      "probability that no channel is faulty, no wheel locks or spins, and within the last 2 s neither " \
+      "has a stiffness changed nor has the filter started over") \
   NUMBER(p_changed, regime[TSE_REGIME_CHANGED], "1", \
-      "probability that the stiffness of all tyres has changed within the last 2 s: a different road") \
+      "probability that the stiffness of all tyres has changed within the last 2 s: a different road " \
+      "surface") \
   NUMBER(p_axle, regime[TSE_REGIME_AXLE], "1", \
       "probability that the stiffness of one axle has changed within the last 2 s") \
   NUMBER(p_fault, regime[TSE_REGIME_FAULT], "1", \
@@ -133,8 +142,8 @@
       "probability that the filter started over within the last 2 s") \
   NUMBER(change_age, change_age, "s", "time since the last change (change_kind); 0 before the first change") \
   NUMBER(change_probability, change_probability, "1", \
-      "probability that no further change or sensor fault has begun since the last change; 0 before the " \
-      "first change") \
+      "probability that since the last change (change_kind) no further change, sliding or sensor fault " \
+      "has begun; 0 before the first change") \
   CODE(change_kind, change_kind, "ChangeKind", \
       "kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 the filter " \
       "started over") \
@@ -145,20 +154,26 @@
   NUMBER(change_cy_rear, change_ratio[2], "1", \
       "ratio of the rear cornering stiffness now to its value before the last change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
-      "0: no fault; otherwise 1 + index of the channel that is most probably at fault") \
+      "1 + index of the channel that contradicts the other channels or, if there is none, of the channel " \
+      "that most probably has a fault; 0: no such channel") \
   NUMBER(discrepancy_accel_x, discrepancy[0], "m/s2", \
-      "model discrepancy of accel_x: sd of the part that the model does not explain") \
-  NUMBER(discrepancy_accel_y, discrepancy[1], "m/s2", "model discrepancy of accel_y") \
-  NUMBER(discrepancy_yaw_rate, discrepancy[2], "rad/s", "model discrepancy of yaw_rate") \
+      "sd of the model discrepancy of accel_x, the part that the model does not explain: setting model_sd" \
+      " times the recent rms of accel_x") \
+  NUMBER(discrepancy_accel_y, discrepancy[1], "m/s2", "sd of the model discrepancy of accel_y") \
+  NUMBER(discrepancy_yaw_rate, discrepancy[2], "rad/s", "sd of the model discrepancy of yaw_rate") \
   NUMBER(innovation_accel_x, innovation[0], "m/s2", \
-      "innovation of accel_x: measured minus predicted value; 0 if it was not used; default filter only") \
+      "innovation of accel_x: measured minus predicted value; 0 if accel_x was not used; default filter " \
+      "only") \
   NUMBER(innovation_accel_y, innovation[1], "m/s2", "innovation of accel_y") \
   NUMBER(innovation_yaw_rate, innovation[2], "rad/s", "innovation of yaw_rate") \
-  NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
-  NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
+  NUMBER(innovation_wheel_front, innovation[3], "m/s", \
+      "innovation of the circumferential speed (wheel speed times radius) of the front wheels") \
+  NUMBER(innovation_wheel_rear, innovation[4], "m/s", \
+      "innovation of the circumferential speed (wheel speed times radius) of the rear wheels") \
   NUMBER(nis_accel_x, nis[0], "1", \
-      "normalised innovation squared of accel_x; the slowly varying part of the innovation is subtracted " \
-      "first. The mean is 1 if model and settings fit; 0 if it was not used; default filter only") \
+      "normalised innovation squared of accel_x. Model errors cause a slowly varying part of the " \
+      "innovation, which is estimated and subtracted first. The mean of nis over many rows is 1 if model " \
+      "and settings fit; 0 if accel_x was not used; default filter only") \
   NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
   NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
@@ -168,7 +183,8 @@
       "negative: the steering leads; default filter only") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "standard deviation of lag_steer") \
   NUMBER(estimate_age, estimate_age, "s", \
-      "age of the estimates: time of this row minus the time to which they refer (settings ..._latency)") \
+      "age of the estimates: time of this row minus the time to which they refer; above 0 if the filter " \
+      "waits for channels with a latency (settings ..._latency)") \
   NUMBER(n_eff, n_eff, "1", \
       "effective number of particles, 1/sum q^2 of their weights q; default filter: 1") \
   NUMBER(log_evidence, log_evidence, "nat", \
@@ -183,8 +199,10 @@
   STIFFNESS(cy_rear_secant, stiffness_secant[2], secant[2], "N/rad", \
       "secant cornering stiffness of the rear axle: force / slip angle at the slip and load of this row") \
   NUMBER(fault_factor, fault_factor, "1", \
-      "factor by which the implausible channel is too large, such as 57.3 for degrees in place of " \
-      "radians, or -1 for a wrong sign; 0: no such factor, or the channel is exchanged, stuck or late")
+      "factor by which the channel that contradicts the others (fault_channel) is too large, such as 57.3" \
+      " for degrees in place of radians, or -1 for a wrong sign; 0: no channel contradicts the others, or" \
+      " its error is not a factor: front and rear wheel speeds are exchanged, or the channel is constant " \
+      "or late")
 #define TRUTHS(NUMBER, STIFFNESS) \
   NUMBER(true, vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(true, vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
@@ -243,8 +261,8 @@
       "no step in this row: the filter waits for channels with a latency; the estimates are those of the " \
       "last step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", \
-      "a number reached the end of the range of the number format: it is limited, or the sample was " \
-      "dropped") \
+      "a number of the filter reached the limit of the fixed-point format: the number is kept at this " \
+      "limit, or the sample that led to it is not used") \
   ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", \
       "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
       "is late; fault_channel names it, fault_factor is the factor by which it is too large")
@@ -258,8 +276,8 @@
       "standstill, low speed, reverse, large steering angle or sliding wheels: the last value is held") \
   ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", \
-      "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or measure " \
-      "them better") \
+      "the parameters of the car are too uncertain (their sds are the settings from mass_sd to grade_sd):" \
+      " calibrate, or measure the parameters better") \
   ROW(TSE_MISFIT, "does not fit", \
       "the model does not explain the measurements: calibrate, or search for a missing effect (tselab gap)") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
@@ -267,8 +285,8 @@
       "is late (fault_channel, fault_factor)")
 #define REPLAY_START(ROW) \
   ROW(cx_front, 1.0, "1", \
-      "front longitudinal stiffness, relative to nominal; the rear one deviates from nominal by " \
-      "rear_longitudinal_follows_front times the deviation of the front one") \
+      "front longitudinal stiffness, relative to nominal. The rear longitudinal stiffness, relative to " \
+      "nominal, is 1 + f (cx_front - 1), where f is the setting rear_longitudinal_follows_front") \
   ROW(cy_front, 1.0, "1", "front cornering stiffness, relative to nominal") \
   ROW(cy_rear, 1.0, "1", "rear cornering stiffness, relative to nominal") \
   ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \

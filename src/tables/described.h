@@ -272,9 +272,11 @@ static const tse_field replay_log_fields[] = {
   { "slip_rear", 'o', (int32_t)offsetof(tse_replay_log, slip_rear), 0.0, 1.0, -1.0, "rad",
       "disturbance that is added to the rear slip angle" },
   { "force_x", 'o', (int32_t)offsetof(tse_replay_log, force_x), 0.0, 1.0, -1.0, "m/s2",
-      "disturbing force / mass, positive forward; the accelerometer measures it" },
+      "disturbing force / mass, positive forward, for example of wind. As a tyre force does, it "
+      "accelerates the car, and accel_x measures it" },
   { "force_y", 'o', (int32_t)offsetof(tse_replay_log, force_y), 0.0, 1.0, -1.0, "m/s2",
-      "disturbing force / mass, positive left; the accelerometer measures it" },
+      "disturbing force / mass, positive left, for example of wind. As a tyre force does, it accelerates "
+      "the car, and accel_y measures it" },
   { "yaw_accel", 'o', (int32_t)offsetof(tse_replay_log, yaw_accel), 0.0, 1.0, -1.0, "rad/s2",
       "disturbing yaw moment / yaw inertia, positive left" },
   // clang-format on: end of table
@@ -299,11 +301,11 @@ static const tse_field replay_out_fields[] = {
   { "true_yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, true_yaw_rate), 0.0, 1.0, -1.0, "rad/s",
       "true yaw rate of the car" },
   { "wheel_torque_front", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_front), 0.0, 1.0, -1.0, "Nm",
-      "drive torque minus brake torque of the front wheels, computed from the longitudinal force and the "
-      "inertia of the wheels" },
+      "drive torque minus brake torque of both front wheels: longitudinal tyre force times wheel radius, "
+      "plus wheel_inertia_front times the angular acceleration of the logged wheel speed" },
   { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm",
-      "drive torque minus brake torque of the rear wheels, computed from the longitudinal force and the "
-      "inertia of the wheels" },
+      "drive torque minus brake torque of both rear wheels: longitudinal tyre force times wheel radius, "
+      "plus wheel_inertia_rear times the angular acceleration of the logged wheel speed" },
   // clang-format on: end of table
 };
 #endif
@@ -315,8 +317,11 @@ static const tse_field formula_places[] = {
   { "rear_angle", 'c', 1, 0.0, 1.0, -1.0, "rad",
       "slip angle of the rear axle, positive for a force to the left" },
   { "force_x", 'c', 2, 0.0, 1.0, -1.0, "m/s2",
-      "force / mass, positive forward; the accelerometer measures it" },
-  { "force_y", 'c', 3, 0.0, 1.0, -1.0, "m/s2", "force / mass, positive left; the accelerometer measures it" },
+      "force / mass, positive forward. As a tyre force does, it accelerates the car, and accel_x measures"
+      " it" },
+  { "force_y", 'c', 3, 0.0, 1.0, -1.0, "m/s2",
+      "force / mass, positive left. As a tyre force does, it accelerates the car, and accel_y measures it"
+      },
   { "yaw_moment", 'c', 4, 0.0, 1.0, -1.0, "rad/s2", "yaw moment / yaw inertia, positive left" },
   { "stiffness_front", 'c', 5, 0.0, 1.0, -1.0, "1", "relative increase of the front cornering stiffness" },
   { "stiffness_rear", 'c', 6, 0.0, 1.0, -1.0, "1", "relative increase of the rear cornering stiffness" },

@@ -465,12 +465,13 @@
   REAL("simulation.wheel_inertia_rear", wheel_inertia_rear, 2.4, 2.4, 0.05, 500.0, "kg m2", \
       "rotational inertia of both rear wheels") \
   REAL("simulation.true_cx_front", true_cx_front, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean front longitudinal stiffness, relative to nominal; the rear one deviates from nominal by " \
-      "rear_longitudinal_follows_front times the deviation of the front one") \
+      "mean over time of the front longitudinal stiffness, relative to nominal. The rear longitudinal " \
+      "stiffness, relative to nominal, is 1 + f (true_cx_front - 1), where f is the setting " \
+      "rear_longitudinal_follows_front") \
   REAL("simulation.true_cy_front", true_cy_front, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean front cornering stiffness, relative to nominal") \
+      "mean over time of the front cornering stiffness, relative to nominal") \
   REAL("simulation.true_cy_rear", true_cy_rear, 1.0, 1.0, 0.02, 10.0, "1", \
-      "mean rear cornering stiffness, relative to nominal") \
+      "mean over time of the rear cornering stiffness, relative to nominal") \
   REAL("simulation.spread_cx_front", spread_cx_front, 0.05, 0.05, 0.0, 0.3, "1", \
       "sample-to-sample sd of the front longitudinal stiffness, relative to its mean") \
   REAL("simulation.spread_cy_front", spread_cy_front, 0.05, 0.05, 0.0, 0.3, "1", \
@@ -478,7 +479,8 @@
   REAL("simulation.spread_cy_rear", spread_cy_rear, 0.05, 0.05, 0.0, 0.3, "1", \
       "sample-to-sample sd of the rear cornering stiffness, relative to its mean") \
   REAL("simulation.noise", noise, 1.0, 1.0, 0.0, 100.0, "1", \
-      "ratio of the true noise sd of the IMU channels to the sd in the settings") \
+      "factor on the noise sds of the IMU in the vehicle settings (accel_x_sd, accel_y_sd, yaw_rate_sd); " \
+      "1: the simulated noise has these sds") \
   REAL("simulation.steer_angle_sd", steer_angle_sd, 0.0, 0.0, 0.0, 0.1, "rad", \
       "noise sd of the logged steering angle") \
   REAL("simulation.wheel_speed_sd", wheel_speed_sd, 0.0, 0.0, 0.0, 10.0, "rad/s", \
@@ -490,7 +492,8 @@
   REAL("simulation.true_bias_yaw_rate", true_bias_yaw_rate, 0.0, 0.0, -0.5, 0.5, "rad/s", \
       "yaw_rate bias at the start") \
   REAL("simulation.bias_walk", bias_walk, 0.0, 0.0, 0.0, 100.0, "1", \
-      "ratio of the sd of the random walk of the true biases to the sd in the settings") \
+      "factor on the sds of the random walks of the biases in the vehicle settings (accel_x_bias_walk " \
+      "...); 0: the simulated biases are constant") \
   REAL("simulation.speed", speed, 20.0, 20.0, 0.0, 70.0, "m/s", \
       "vel_x at the start; the wheels then roll freely") \
   REAL("simulation.vel_y", vel_y, 0.0, 0.0, -20.0, 20.0, "m/s", \
@@ -499,7 +502,8 @@
       "friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres") \
   REAL("simulation.substep", substep, 0.001, 0.001, 0.0001, 0.005, "s", "max step of the integration") \
   WHOLE("simulation.hold_inputs", hold_inputs, 0, 0, 0, 1, "", \
-      "1: the inputs of the driver are held from row to row; 0: they change linearly between rows") \
+      "1: the inputs of a row stay constant until the next row; 0: the inputs change linearly from row to" \
+      " row") \
   WHOLE("simulation.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers")
 // clang-format on: end of table
 
