@@ -92,9 +92,9 @@ typedef struct tse_output {
   tse_real discrepancy[3];       /* [m/s2 m/s2 rad/s] sd of the model discrepancy, the part of accel_x,
                                   * accel_y, yaw_rate that the model does not explain: setting model_sd
                                   * times the recent rms of the channel */
-  tse_real lag_steer;            /* [s] estimated delay of the steering relative to the IMU, caused by bus,
-                                  * steering and tyres together; negative: the steering leads; default
-                                  * filter only */
+  tse_real lag_steer;            /* [s] estimated time from the logged steering angle to its effect in the
+                                  * IMU, caused by bus, steering and tyres together; negative: the angle is
+                                  * logged late; default filter only */
   tse_real lag_steer_sd;         /* [s] sd of lag_steer */
   tse_real estimate_age;         /* [s] age of the estimates: time of this row minus the time to which they
                                   * refer; above 0 if the filter waits for channels with a latency

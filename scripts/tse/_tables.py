@@ -301,8 +301,9 @@ class Estimate(EstimateBase):
     nis_wheel_rear: float
     """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
-    """Estimated delay of the steering relative to the IMU, caused by bus, steering and
-    tyres together; negative: the steering leads; default filter only [s]."""
+    """Estimated time from the logged steering angle to its effect in the IMU, caused
+    by bus, steering and tyres together; negative: the angle is logged late; default
+    filter only [s]."""
     lag_steer_sd: float
     """Standard deviation of lag_steer [s]."""
     estimate_age: float

@@ -236,6 +236,10 @@
 #define STEER_LATE TSE_R(0.05)          /* [s] max plausible time by which the yaw rate leads the steering
                                          * angle. In real cars the yaw rate follows the steering angle by
                                          * 0 .. 130 ms */
+#define MAX_LAG TSE_R(0.06)             /* [s] max lag of the steering, unless its prior sd is larger than a
+                                         * third of it. The model replaces the angle at the time t - lag by
+                                         * angle - lag x rate of the angle: at 0.06 s, a sine of 2 Hz is then
+                                         * 25 % too large */
 #define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind
                                          * accel_y. The bus, stiff tyres and an IMU ahead of the
                                          * centre of gravity cause such a latency */

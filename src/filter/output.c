@@ -244,12 +244,14 @@ static int has_other_wheels(const tse_params *p, const tse_kalman *k)
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the latency of the steering angle differs from the settings by more than
- * its prior allows. The cornering stiffness then compensates for the wrong angle. */
+/* Return whether the lag of the steering differs from the settings by more than its prior
+ * allows, or is too large for the linear model of a lag. The cornering stiffness then
+ * compensates for the wrong angle. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
-  const tse_real var = r_sqr(p->prior_sd[LATE]);
-  return var > TSE_R(0) && r_sqr(out->lag_steer) > r_mul(TAIL, var);
+  const tse_real lag = out->lag_steer, var = r_sqr(p->prior_sd[LATE]), max_var = r_mul(TAIL, var);
+  return var > TSE_R(0)
+      && (r_sqr(lag - p->prior[LATE]) > max_var || r_sqr(lag) > r_max(max_var, r_sqr(MAX_LAG)));
 }
 
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)

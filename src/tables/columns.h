@@ -179,8 +179,8 @@
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
   NUMBER(nis_wheel_rear, nis[4], "1", "normalised innovation squared of the rear wheel speed") \
   NUMBER(lag_steer, lag_steer, "s", \
-      "estimated delay of the steering relative to the IMU, caused by bus, steering and tyres together; " \
-      "negative: the steering leads; default filter only") \
+      "estimated time from the logged steering angle to its effect in the IMU, caused by bus, steering " \
+      "and tyres together; negative: the angle is logged late; default filter only") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "standard deviation of lag_steer") \
   NUMBER(estimate_age, estimate_age, "s", \
       "age of the estimates: time of this row minus the time to which they refer; above 0 if the filter " \

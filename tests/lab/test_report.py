@@ -196,6 +196,10 @@ def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said)
     assert (
         check_steering_lag(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []
     )  # known exactly: no state
+    delayed = Config.exact(
+        {"steer_lag_sd": 0.008, "steering_delay_time": 0.05, "imu_delay_time": 0.03}
+    )  # the mean of the prior
+    assert check_steering_lag(table.assign(lag_steer=0.08 + late), delayed) == found
 
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():

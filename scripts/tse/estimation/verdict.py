@@ -83,10 +83,11 @@ RECENT = 1.0
 # the stiffness, and an sd above MIN_UNCERTAIN times the stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max plausible magnitude of lag_steer, in units of its prior sd (steer_lag_sd). lag_steer
-# is the estimated lag of the steering angle that remains after the log is corrected by
-# the latencies of the vehicle file. A larger lag means that the log comes from another
-# logger or uses another signal than the one for which the latencies were determined.
+# Max plausible difference between lag_steer and its prior mean, in units of its prior sd
+# (steer_lag_sd). lag_steer is the estimated lag of the steering that remains after the log
+# is corrected by the latencies of the vehicle file. A larger difference means that the log
+# comes from another logger or uses another signal than the one for which the latencies
+# were determined.
 UNLIKELY = 3.0
 # A stiffness counts as valid on a log or stretch if at least this share of its rows is
 # valid
@@ -377,15 +378,17 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a list with one sentence if the magnitude of lag_steer exceeds UNLIKELY
-    prior sds. Otherwise return an empty list.
+    """Return a list with one sentence if lag_steer differs from its prior mean by more
+    than UNLIKELY prior sds. Otherwise return an empty list.
 
-    lag_steer is the estimated lag of the steering angle that remains after the log is
-    corrected by the latencies of the vehicle file. Negative: the angle is logged late."""
+    lag_steer is the estimated lag of the steering that remains after the log is corrected
+    by the latencies of the vehicle file. Its prior mean is the delay of steering and IMU
+    in the vehicle file. If lag_steer is smaller, the angle is logged too late."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
-    off = float(table["lag_steer"].iloc[-1])
+    expected = config.steering_delay_time + config.imu_delay_time
+    off = float(table["lag_steer"].iloc[-1]) - expected
     if abs(off) <= UNLIKELY * sd:
         return []
     return [
