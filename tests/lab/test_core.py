@@ -85,7 +85,8 @@ def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
         0,
     ) and exact.complete().as_dict() == exact.as_dict()
     with pytest.raises(
-        SettingError, match=r"longitudinal_stiffness_rear follows from mass, lf and lr, and is outside"
+        SettingError,
+        match=r"stiffness_rear follows from mass, lf and lr, and is outside .*; correct mass, lf or lr, or",
     ):
         NativeFilter(Config({"mass": 50.0, "lf": 0.1, "lr": 10.0}))
 

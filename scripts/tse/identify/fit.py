@@ -1,17 +1,20 @@
 """Estimate car and road by maximum a posteriori: Gauss-Newton on robust least squares.
 
-The cost is minimised over x (unknowns of the car, lean of the roads, and biases, see
-problem.py) and z (values of bank and grade at the knots of the roads, see knots.py):
+The cost is minimised over x and z. x contains the unknowns of the car, the lean of the
+roads (share of the lateral acceleration in curves that their bank compensates) and the
+biases of the channels, see problem.py. z contains bank and grade at the knots of the
+roads, see knots.py. The cost is
     sum over residuals e of rho(e)/sd^2
     + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2.
-rho is the Huber loss, and sd the standard deviation of one value of the channel, see
+rho is the Huber loss (quadratic up to HUBER), and 1/sd^2 the weight of a residual, see
 measure_scales(). mean and information describe the prior of x. In each step z is
 eliminated: the information matrix of z is banded, and one sparse factorisation gives the
 Schur complement, a system of equations for x alone.
 
 A residual is the sum of sensor noise and model error. The noise is independent from value
-to value. The model error is correlated over MODEL_TIME, so all values in this time count
-as a single one. This widens the covariance of x and hardly changes the estimate of x.
+to value. The model error is correlated over MODEL_TIME, so the model errors of all values
+in this time together count as a single independent error. Compared with independent
+errors, this increases the covariance of x and hardly changes the estimate of x.
 """
 
 from __future__ import annotations
@@ -31,8 +34,10 @@ HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
-# The maximum is near if a step hardly reduces the residuals: in all channels, the ratio
-# of their rms after the step to their rms before it is larger than this
+# If a step hardly reduces the residuals, x is taken to be near the maximum of the
+# posterior density, and residuals are weighted as correlated from then on (see fit()).
+# Condition: in each channel, the rms of the residuals after the step, divided by the rms
+# before the step, is larger than this ratio
 NEAR_RATIO = 0.9
 MAX_FINAL_STEP = 0.1  # [posterior sd] a step that changes no unknown by more ends the search
 MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
@@ -42,10 +47,10 @@ MAX_HALVINGS = 6  # number of lengths of a step that are tried, each half as lon
 
 @dataclass(frozen=True)
 class ResidualScale:
-    """Size of the residuals of a channel, in their unit."""
+    """Rms of the residuals of a channel, and the sd for their weight, in their unit."""
 
     rms: float  # root mean square, with outliers clipped
-    sd: float  # a value has the weight 1/sd^2; sd is larger than rms, because values are correlated
+    sd: float  # a residual has the weight 1/sd^2; sd is larger than rms if residuals are correlated
 
 
 @dataclass
@@ -63,12 +68,13 @@ class CarFit:
         x in the coordinates of the search: cornering stiffnesses are replaced by their
         inverses.
     scales
-        Size of the residuals by channel.
+        Rms of the residuals, and the sd for their weight. Key: channel.
     residuals, slopes, equations
         At x and z: residuals, their partial derivatives with respect to x and to z, and
         normal equations.
     converged
-        True: the search has found the maximum. False: it stopped at the limit of steps.
+        True: the search has found the maximum of the posterior density. False: it stopped
+        at the limit of steps.
     steps, moved
         Number of steps, and largest change of an unknown in the last step [posterior sd].
     level
@@ -95,30 +101,34 @@ def measure_scales(
     before: Mapping[str, ResidualScale] | None = None,
     near: bool = True,
 ) -> dict[str, ResidualScale]:
-    """Return the size of the residuals of each channel.
+    """Return, for each channel, the rms of the residuals and the sd for their weight.
 
     Parameters
     ----------
     problem
         Has the noise of the channels.
     residuals
-        A vector for each group of the problem.
+        One vector for each channel of each log, in the order of problem.groups.
     before
-        Sizes before the last step. Outliers are clipped at HUBER times their rms. None:
-        the rms for clipping is estimated by the median of the residuals.
+        Result of this function before the last step. Residuals are clipped at HUBER times
+        the rms in `before`, so that outliers do not increase the new rms. None: they are
+        clipped at HUBER times 1.48 median |residual|.
     near
-        True: the search is near the maximum. False: the residuals are much larger than at
-        the maximum, and their values are weighted as independent ones (sd = rms).
+        True: the search is near the maximum of the posterior density. False: residuals
+        are much larger than at the maximum, and are weighted as if they were independent
+        (sd = rms).
 
     Notes
     -----
     rms^2 = noise^2 + model^2, with the sd `noise` of the sensor and the sd `model` of the
-    model error. The noise is independent from value to value. The model error counts once
-    in MODEL_TIME. So sd^2 = noise^2 + model^2 MODEL_TIME/dt, if values are dt apart.
+    model error. The noise is independent from value to value. The model errors of all
+    MODEL_TIME/dt values in MODEL_TIME (dt: time between values) together count as a
+    single independent error. So sd^2 = noise^2 + model^2 MODEL_TIME/dt.
 
     `model` has a lower limit, see compute_lasting_error(). For accel_y and yaw_rate it is
-    MIN_MODEL_ERROR times the rms of the signal. Without this limit, a fit whose residuals
-    are only noise would have narrower intervals than any model of a real car permits.
+    MIN_MODEL_ERROR times the rms of the signal. Even if residuals contain only noise, the
+    model of a real car has errors. Without the limit, such a fit would have `model` = 0,
+    and its confidence intervals would be too narrow.
     """
     found: dict[str, ResidualScale] = {}
     for c in problem.channels:
@@ -211,12 +221,12 @@ def build_normal(
     Parameters
     ----------
     problem, scales
-        Prior, and size of the residuals.
+        Prior of x, and scales of the residuals from measure_scales().
     x, z
         Point of the linearisation.
     residuals, tables, roads
-        Residuals at this point, and their partial derivatives with respect to x and to z,
-        for each group.
+        Residuals at this point, and their partial derivatives with respect to x and to z:
+        one array or matrix for each channel of each log, in the order of problem.groups.
     channels
         Channels whose residuals are used; None: all.
     """

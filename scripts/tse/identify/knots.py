@@ -18,11 +18,12 @@ from scipy.sparse import coo_matrix, csc_matrix
 KNOT_DISTANCE = 40.0  # [m] between knots; the bank of a road changes within 30 .. 60 m
 KNOT_SD = 0.03  # [rad] prior sd of a value of bank or grade; the prior mean is 0
 PROFILES = ("bank", "grade")
-# One simulation changes the values at every 5th knot. Each row is then influenced by at
-# most one changed value
+# For the finite differences, one simulation changes the values at every 5th knot, i.e.
+# every 200 m. The effect of a changed value has decayed before the next one begins to
+# act, so at most one changed value influences a residual
 KNOT_SPACING = 5
-# [knots] distance before a knot from which on the value at the knot acts: linear
-# interpolation begins at the previous knot
+# [knots] The value at a knot begins to act at this distance before the knot: bank and
+# grade are interpolated linearly, so the value has an influence from the previous knot on
 KNOT_LEAD = 1.0
 KNOT_STEP = 0.01  # [rad] step of the finite differences; the effect of gravity is nearly linear
 
@@ -95,10 +96,11 @@ class Knots:
         return {p: np.nan_to_num(x) for p, x in found.items()}
 
     def list_moves(self) -> list[np.ndarray]:
-        """Return the steps of z for finite differences, each as long as z.
+        """Return the vectors that are added to z for the finite differences.
 
-        A step changes the values of one profile at every KNOT_SPACING-th knot, which are
-        so far apart that at most one changed value acts on a row.
+        Each vector changes the values of one profile (bank or grade) at every
+        KNOT_SPACING-th knot. These knots are so far apart that at most one changed value
+        influences a row. So one simulation gives the derivatives for all of them.
         """
         found = []
         for profile in self.kinds:
@@ -112,9 +114,11 @@ class Knots:
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return, for each distance, the index in z of the changed value that acts there.
 
-        `step` is one of list_moves(). It changes the values at some knots. At a distance,
-        the acting value is the one at the last of these knots that the car has passed or
-        reaches within KNOT_LEAD. If there is no such knot, the index is -1.
+        `distance` has distances along the road of the log. `step`, a vector of
+        list_moves(), changes the values at some knots. If the simulation is repeated with
+        this change, the residual at a distance changes by the effect of one value only.
+        This is the value at the last changed knot that the car has passed there, or will
+        pass within KNOT_LEAD. If there is no such knot, the index is -1.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)

@@ -80,16 +80,17 @@ def _derive_path(track: object) -> Road | None:
         road = derive_road(track)
     except UserError:
         return None
-    # A path of a circuit is that of one round. But in a single log of a circuit, each
-    # round has its own knots, so bank and grade cannot be added to the path.
+    # The path of a circuit is a single round. But in a log that shares its road with no
+    # other log, distances continue over all rounds, so each round has its own knots. A
+    # point of the path would then have several values of bank and grade.
     return None if road.is_closed else road
 
 
 def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return the path with bank and grade added.
+    """Return the path with the fitted bank and grade of one road added.
 
-    `z` has the fitted values of all roads, `sd` the standard deviations of these
-    values."""
+    `road` is the index of the road. `z` has the values of bank and grade of all roads
+    (see Knots), and `sd` their standard deviations."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
         mine = knots.get_slice(road, kind)

@@ -1,18 +1,22 @@
 """Measure the slow part of residuals by two numbers, power and walk.
 
-power: integral of the autocovariance over positive lags [unit^2 s]. An error with a
-correlation time of 1 s and a variance of power / 1 s has the same integral. So it would
-have the same effect on an estimate. The setting model_sd is derived from power.
+power: integral of the autocovariance of the residuals over positive lags [unit^2 s]. The
+variance of an estimate from a long log depends on the autocovariance only through this
+integral. So the residuals have the same effect on this variance as an error that has a
+correlation time of 1 s and the variance power / 1 s. The setting model_sd, which
+describes such an error, is derived from power.
 
-walk: sd, per sqrt(s), of a random walk whose spectrum is nowhere below the spectrum of
-the residuals. It becomes the setting of the random walk of the bias of the channel. Let
-D(L) be the mean square of the change of the residuals over a lag L. Then
+walk: sd of a random walk after 1 s [unit/sqrt(s)], such that the spectrum of the random
+walk is nowhere below the spectrum of the residuals. The filter models the bias of the
+channel as a random walk, and walk becomes the setting for its sd. Let D(L) be the mean
+square of the difference of two residuals that are a lag L apart. Then
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
-Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2 is
-chosen for residuals that hills cause. Their autocovariance is
-exp(-t/T) (cos t/T + sin t/T) for variance 1. With this factor walk^2 = 2/T, and the
-spectrum of the random walk touches that of the hills but is nowhere below it. If the
-residuals are themselves a random walk, walk^2 is too large by this factor.
+Noise, and errors that last less than SHORT_LAG, contribute equally to D(L) and to
+D(SHORT_LAG), so they cancel. The factor 2 is chosen for residuals that hills cause, with
+the autocovariance exp(-t/T) (cos t/T + sin t/T) for variance 1 and lag t. It gives
+walk^2 = 2/T, and the spectrum of the random walk then touches the spectrum of these
+residuals but is nowhere below it. If the residuals are themselves a random walk, walk^2
+is too large by the factor 2.
 """
 
 from __future__ import annotations
@@ -24,9 +28,9 @@ import numpy as np
 
 SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags of the differences that determine walk
 MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance
-MIN_PIECE_VALUES = 20  # least number of values in a piece, and of pairs of values at a lag
-LASTING_PIECE_TIME = 10.0  # [s] length of a piece in measure_share(): about two manoeuvres
-SHARE_QUANTILE = 0.9  # measure_share() returns this quantile of the ratios of all pieces
+MIN_PIECE_VALUES = 20  # least number of values in an interval, and of pairs of values at a lag
+LASTING_PIECE_TIME = 10.0  # [s] interval in measure_share(): about two manoeuvres
+SHARE_QUANTILE = 0.9  # measure_share() returns this quantile of the ratios of its intervals
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,8 @@ class Lasting:
 def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
     """Measure power and walk of the residuals of a channel in all its logs.
 
-    The mean of the residuals of each log is subtracted first. Values must be about
-    equidistant. Pairs of values across a gap between stretches are left out.
+    The mean of the residuals of each log is subtracted first. Apart from gaps, the values
+    must be about equidistant in time. Pairs of values across a gap are left out.
     """
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     centred = [p.residual - p.residual.mean() for p in pieces]
@@ -99,26 +103,31 @@ def _sum_positive(covariance: np.ndarray) -> float:
 
 
 def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the ratio of model error to signal, and the number of pieces with a signal.
+    """Return the ratio of model error to signal, and the effective number of intervals.
+
+    The signal is the rms of the measured channel (Piece.size). Each log is divided into
+    intervals of LASTING_PIECE_TIME, and the ratio is computed for each interval.
 
     Parameters
     ----------
     pieces
         Residuals of a channel, one entry for each log.
     floor
-        A small signal for each value, one array for each log. Its square is added to the
-        square of the signal, so that pieces without signal do not give large ratios.
+        A small signal for each value, one array for each log. In the ratio its square is
+        added to the square of the signal, so that intervals with hardly any signal, e.g.
+        straight driving, do not give large ratios.
 
     Returns
     -------
     share
-        Ratio of two numbers: the sd of an error that lasts 1 s and has the same power as
-        the residuals, and the rms of the signal. The ratio is computed for each piece of
-        LASTING_PIECE_TIME, and the SHARE_QUANTILE of the ratios is returned. Their mean
-        would be misleading: a model that is right on a motorway and 15 % off in a hairpin
-        is not 5 % off.
+        The SHARE_QUANTILE of the ratios of all intervals. The model error in the ratio is
+        the sd of an error that has a correlation time of 1 s and the same power as the
+        residuals. The mean of the ratios would be misleading: a model that is right on a
+        motorway and 15 % off in a hairpin is not 5 % off.
     count
-        Sum of the weights signal^2 / (signal^2 + floor^2) of the pieces.
+        Effective number of intervals, the sum of signal^2 / (signal^2 + floor^2): an
+        interval counts as 1 if its signal is much larger than the floor, and as 0 if it
+        has no signal.
     """
     square = np.mean(np.concatenate([(p.residual - p.residual.mean()) ** 2 for p in pieces]))
     lasts = measure_lasting(pieces).power / max(float(square), 1e-300)

@@ -1,13 +1,14 @@
 """Compare logs with the model: residuals of the sensors and their partial derivatives.
 
-The vector x contains the unknowns of the car, for each log the lean of its roads (their
-bank in curves), and for each channel of each log a bias. The vector z contains bank and
-grade along the roads (knots.py).
+The vector x contains the unknowns of the car, for each log the lean of its roads (share
+of the lateral acceleration in curves that their bank compensates), and for each channel
+of each log a bias. The vector z contains bank and grade along the roads (knots.py).
 
 Latencies are relative to the gyro. A channel with latency L has at time t the value of
 t - L. So an input is read at t + L, and a simulated output is delayed by L. If a channel
-repeats its samples, L includes the mean age of its values. Here only new samples are
-used, so simulate() subtracts this age.
+repeats its samples, L includes the mean age of the values in the rows. But only the rows
+with a new sample are compared, and their values have no such age. So simulate()
+subtracts the mean age from L.
 
 accel_x is compared as a wheel speed. The difference e = measured - simulated becomes
     y = s + (m v/C) e, with ds/dt = e - s/SPEED_TIME,
@@ -17,16 +18,19 @@ the slip speed of the wheels that the additional force m e causes. So y is a dif
 wheel speeds. A direct comparison of accelerations would be biased: wheel speeds are
 inputs, so the simulated acceleration contains the derivative of their noise. Too soft
 tyres and too large wheel latencies would average this noise, and a car with them would
-fit accel_x better than the true car. C is the prior mean and not an unknown, because it
-defines the comparison.
+fit accel_x better than the true car. C is computed at the prior mean and stays constant
+in the fit. If it were an unknown, the fit could reduce the residuals by changing their
+definition.
 
-The wheels have a mean latency of 0 in the simulation: only the difference between the
-latencies of wheels and of accel_x is estimated. The common latency of both relative to
-the gyro keeps its prior: accel_y and yaw_rate do not influence it (such a restriction is
-called a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The reason: the speed hardly
-changes within a latency, but braking changes the lateral forces. A small error of the
-model in this effect would be explained by a latency. If yaw_rate, the most accurate
-channel, influenced the common latency, the latency would be estimated as 0.1 s.
+The simulation subtracts the mean latency of the wheels from the latencies of the wheels
+and of accel_x. So the fit estimates how much later accel_x is than the wheels. The
+latency that wheels and accel_x have in common relative to the gyro keeps its prior:
+accel_y and yaw_rate do not influence it (such a restriction is called a cut: Liu, Bayarri
+& Berger 2009, Plummer 2015). The reason: the speed hardly changes within a latency, so
+logs contain little information on the common latency. But braking changes the lateral
+forces, and if the model has a small error in this effect, a wrong common latency reduces
+the residuals of yaw_rate, the most accurate channel. Without the cut, the common latency
+would be estimated as 0.1 s.
 """
 
 from __future__ import annotations
@@ -74,17 +78,19 @@ from tse.log.noise import compute_moving_average
 # effect is the least linear. Key False: for all other unknowns
 SLOPE_STEPS = {True: 0.0005, False: 0.005}
 ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
-# [s] time constant of the leaky integral of accel_x. With a longer time constant, the
-# grade of the road would dominate the integral. With a shorter time constant, the noise
-# of the channel would dominate it
+# [s] time constant of the leaky integral by which a difference of accel_x is converted to
+# a difference of speed (see the top of this file). With a longer time constant, the grade
+# of the road would dominate the integral. With a shorter time constant, the noise of
+# accel_x would dominate it
 SPEED_TIME = 1.0
 SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
 MIN_SLIP_SPEED = 5.0  # [m/s] lower limit of average_speed(); at lower speeds slip is not observable
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
 MIN_BLOCK_FILL = 0.5  # a block with fewer values than this share of the median number is not used
-# Lower limit of the model error of accel_y and yaw_rate, relative to the rms of the
-# signal. The error is 1.1 .. 4 % for the cars of tests/cars, and 2.7 .. 5 % for real
-# cars. accel_x has no such limit, because the limit would hide the grade of the road
+# Lower limit of the ratio: rms of the model error / rms of the signal, for accel_y and
+# yaw_rate. The ratio is 1.1 .. 4 % for the cars of tests/cars, and 2.7 .. 5 % for real
+# cars. accel_x has no such limit: with it, the weight of accel_x would be too small to
+# estimate the grade of the road
 MIN_MODEL_ERROR = 0.01
 # share of the error of a measured velocity that is slow, not white, as in the filter
 # (constants.toml)
@@ -105,7 +111,8 @@ class CarProblem:
     Parameters
     ----------
     logs
-        As data.prepare() returns them. Logs without a stretch are dropped.
+        As data.prepare() returns them. A log is dropped if it has no stretch, i.e. no
+        consecutive rows that can be simulated (see FitStretch).
     config
         Settings of the vehicle file.
     prior
@@ -125,9 +132,9 @@ class CarProblem:
         Names, prior and bounds of x. For a cornering stiffness (COMPLIANCE), x contains
         its inverse, relative to the vehicle file.
     groups, time
-        A group is a log and a channel, and has one vector of residuals. `groups` has the
-        index of the log and the name of the channel of each group, `time` the times [s]
-        of its values.
+        A group is one channel of one log, and has one vector of residuals. `groups` has,
+        for each group, the index of the log and the name of the channel. `time` has, for
+        each group, the times [s] of the residuals.
     """
 
     def __init__(
@@ -193,7 +200,7 @@ class CarProblem:
     # ---- groups of residuals
 
     def _lay_out(self) -> None:
-        """Set the groups (a log and a channel each), and which blocks are compared."""
+        """Set the groups (one channel of one log each), and which blocks are compared."""
         self.groups: list[tuple[int, str]] = []
         self.time: list[np.ndarray] = []
         self._measured, self._used, self._time, self._count, self._speed, self._together = (
@@ -248,11 +255,12 @@ class CarProblem:
         return sd * float(np.sqrt(np.sum(mean**2)))
 
     def compute_lasting_error(self, channel: str) -> float:
-        """Return the lower limit of the rms of errors that are not white.
+        """Return a lower limit for the rms of the non-white errors of a channel.
 
-        For a velocity it is the slow error of its sensor, for accel_y and yaw_rate
-        MIN_MODEL_ERROR times the rms of the signal, for accel_x 0. Biases are not
-        included, because they are unknowns.
+        measure_scales() uses it, so that small residuals do not give a channel too much
+        weight. For a velocity, the limit is the slow error of its sensor. For accel_y and
+        yaw_rate it is MIN_MODEL_ERROR times the rms of the signal, and for accel_x it is
+        0. Biases are not included, because they are unknowns.
         """
         if channel == "accel_x":
             return 0.0
@@ -279,7 +287,7 @@ class CarProblem:
     def simulate(self, i: int, x: np.ndarray, z: np.ndarray) -> dict[str, np.ndarray]:
         """Simulate the measured channels of a log, one value per row, without bias.
 
-        Values between stretches are NaN.
+        Values are NaN in rows that belong to no stretch (see FitStretch).
         """
         config, late, stiffness = self.make_settings(x)
         log = self.logs[i]
@@ -317,7 +325,8 @@ class CarProblem:
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return measured minus predicted values, an array for each group.
 
-        The difference of accel_x is converted to a wheel speed.
+        For accel_x, the difference is converted to a wheel speed, see
+        transform_difference().
         """
         found = []
         for g, (y, p, used) in enumerate(zip(self._measured, self.predict(x, z), self._used, strict=True)):
@@ -327,7 +336,9 @@ class CarProblem:
     def compute_sensed_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return measured minus predicted values in the unit of the sensor.
 
-        There is an array for each group, with one value per used block.
+        In contrast to compute_residuals(), accel_x is not converted to a wheel speed.
+        There is an array for each group. It has one value, a mean over BLOCK_TIME, for
+        each block that is used.
         """
         return [(y - p)[u] for y, p, u in zip(self._measured, self.predict(x, z), self._used, strict=True)]
 
@@ -346,21 +357,23 @@ class CarProblem:
         return self._average_groups(g, np.where(used, about, 0.0))
 
     def _average_groups(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Convert a difference, one value per block of a group, to compared values.
+        """Convert a difference, one value per block of a group, to residuals.
 
-        It is converted by transform_difference(), then averaged over several blocks for
-        each compared value (SPEED_BLOCKS for accel_x, one for other channels).
+        First, transform_difference() converts the difference of each block. Then a
+        residual is the mean over SPEED_BLOCKS blocks for accel_x, and the value of a
+        single block for other channels.
         """
         return self.transform_difference(g, difference)[self._together[g]].mean(axis=1)
 
     def transform_difference(self, g: int, difference: np.ndarray) -> np.ndarray:
         """Convert a difference, one value per block of a group, to the compared quantity.
 
-        For accel_x the compared quantity is a wheel speed, s + (m v/C) difference. Its
-        first term is the integral of the difference, which decays with SPEED_TIME:
-        ds/dt = difference - s/SPEED_TIME, and s = 0 at the start of each stretch. Its
-        second term is the slip of the driven wheels (m: mass, v: speed, C: longitudinal
-        stiffness). For other channels the difference is returned unchanged.
+        For accel_x the compared quantity is a wheel speed, s + (m v/C) difference. The
+        first term is the leaky integral of the difference:
+            ds/dt = difference - s/SPEED_TIME, with s = 0 after each gap in time.
+        With the mass m, the speed v and the longitudinal stiffness C of all tyres, the
+        second term is the slip speed of the wheels that a force of m times the difference
+        causes. For other channels the difference is returned unchanged.
         """
         if self.groups[g][1] != "accel_x":
             return difference
@@ -375,7 +388,7 @@ class CarProblem:
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
     def compute_slip_time(self) -> float:
-        """Return m/C [s2/m], the ratio of slip to acceleration of the car.
+        """Return m/C [s2/m], the ratio of longitudinal slip to acceleration of the car.
 
         m is the mass, and C the sum of the longitudinal stiffnesses at the prior mean.
         """
@@ -499,9 +512,10 @@ def convert_velocities(
 ) -> dict[str, np.ndarray]:
     """Convert simulated velocities to those that an INS or a GNSS receiver measures.
 
-    At the position (x, y) of the sensor and with the yaw rate r, the velocity is
-    (v_x - r y, v_y + r x). The axes of the sensor are turned to the left by
-    velocity_heading, and its values are delayed by velocity_latency.
+    `found` has the velocity (v_x, v_y) of the centre of gravity and the yaw rate r. A
+    sensor at the position (x, y) relative to the centre of gravity (velocity_lever_x and
+    _y) has the velocity (v_x - r y, v_y + r x). The axes of the sensor are turned to the
+    left by velocity_heading, and its values are delayed by velocity_latency.
     """
     vx, vy, rate = (found[n] for n in MOTION_OUTPUTS)
     vx, vy = vx - rate * config.velocity_lever_y, vy + rate * config.velocity_lever_x

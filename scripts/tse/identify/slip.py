@@ -32,8 +32,9 @@ RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 # [s] latency between the wheel speeds of both axles: two messages of a bus with cycle
 # times of 10 .. 20 ms
 WHEEL_LATENCY_SD = 0.006
-# ratio of the radii of both axles, relative to the vehicle file. Wear and tyre pressure
-# change it. In the fit, this ratio also absorbs the bias of accel_x
+# ratio of the wheel radii of both axles, relative to the vehicle file. Wear and tyre
+# pressure change it. In the regression, an error of the ratio is a constant offset of the
+# slip. A bias of accel_x causes such an offset, too, so this sd must cover both
 RADIUS_RATIO_SD = 0.01
 LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation time of the tyres
 DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit
@@ -43,11 +44,13 @@ BEND_SD = 0.25  # relative error of the nonlinear part of the slip and of the ch
 PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)
 
 # sd of ln(stiffness) caused by model errors (pitch, rolling radius under load, tyre
-# curve), which longer logs do not reduce. The rms of these errors for ten cars of
-# tests/cars is 0.034 if all roads are used together, and 0.042 if each is used alone
+# curve), which longer logs do not reduce. For ten cars of tests/cars, the estimate of
+# ln(stiffness) has an rms error of 0.034 if it uses the logs of all roads together, and
+# of 0.042 if it uses the logs of one road only
 SLIP_MODEL_SD = 0.05
-# share of the noise of accel_x in the mean square of the first regressor; above it, the
-# logs do not determine the stiffness
+# The first regressor is the slip that follows from accel_x (see _Samples.x). The other
+# regressors explain a part of its variance. If noise of accel_x causes more than this
+# share of the remaining variance, the logs do not determine the stiffness
 MAX_NOISE_SHARE = 0.5
 MIN_MISMATCH = 0.01  # relative error of the ratio of the radii; a smaller one is ignored
 
@@ -113,12 +116,15 @@ def apply_slip_regression(
     ratio of the radii. It includes the effect of the bias of accel_x, which differs from
     log to log, so each log has a radius of its own.
 
-    Method: weighted least squares with Huber weights and priors. Noise of accel_x biases
-    the first regressor, so its variance is subtracted (errors in variables, Fuller 1987).
-    Residuals are correlated within blocks of 10 s, so all samples together get the weight
-    of the effective number of independent ones. Two sds of each unknown are computed, by
-    the inverse information matrix and by the sandwich estimator over blocks (White 1982),
-    and the larger one is used. SLIP_MODEL_SD is added (as a variance) to the sd of ln k.
+    Method: weighted least squares with Huber weights and priors. The first regressor,
+    slip(F), contains noise of accel_x, which would make its coefficient 1/k too small. So
+    the sum of the variances of this noise is subtracted from the sum of the squares of
+    the regressor (errors in variables, Fuller 1987). Residuals are correlated within
+    blocks of 10 s, so the weights of all samples are reduced by a common factor:
+    together, the samples then count as the effective number of independent ones. Two sds
+    of each unknown are computed, by the inverse information matrix and by the sandwich
+    estimator over blocks (White 1982), and the larger one is used. SLIP_MODEL_SD is added
+    (as a variance) to the sd of ln k.
     """
     names = list(problem.names)
     k = names.index(LONGITUDINAL_KEY)
@@ -211,9 +217,10 @@ def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
 
 
 def _apply_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
-    """Return both radii [m], corrected to this mismatch of their ratio.
+    """Return both radii [m], changed so that rear / front has the ratio that was found.
 
-    `mismatch` is that of _SlipFinding. The product of both radii does not change.
+    This ratio is 1 + `mismatch` times the ratio in the vehicle file (see _SlipFinding).
+    The product of both radii does not change.
     """
     front, rear = radii / np.array([getattr(config, name) for name in RADIUS_SETTINGS])
     half = 0.5 * (np.log1p(mismatch) - np.log(rear / front))
@@ -366,7 +373,9 @@ class _Samples:
     """Samples of a log that are used in the regression."""
 
     # (samples, 5) regressors: slip(F) with the stiffness of the vehicle file, a/v,
-    # d slip(F)/dt, slip caused by 1 kg/m of drag, nonlinear part of slip(F) plus radii(a)
+    # d slip(F)/dt, slip caused by 1 kg/m of drag, nonlinear part of slip(F) plus
+    # radii(a). F: force, a: acceleration, v: speed, radii(a): change of the rolling radii
+    # by load transfer, see apply_slip_regression()
     x: np.ndarray
     noise: np.ndarray  # variance of the first regressor caused by noise of accel_x
     slip: np.ndarray  # measured slip of the driven axle relative to the free one, minus radii(a)

@@ -71,9 +71,10 @@ class Unknown:
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
     message: str = ""  # unknowns with the same message have a common error with sd COMMON_SD[message]
-    # min absolute value at which the effect of this unknown matters to the user. 0: there
-    # is no such value, because the unknown is not the size of an effect but describes its
-    # shape, such as the distribution between the axles
+    # limit for the absolute value, and for its change against the vehicle file. Below the
+    # limit they do not matter to the user, and the report of a calibration says so. 0:
+    # there is no limit, because the unknown describes the shape of an effect and not its
+    # size. Example: the distribution of an effect between the axles
     worth: float = 0.0
 
 
@@ -107,16 +108,18 @@ UNKNOWNS: tuple[Unknown, ...] = (
     # The sd applies if the axle loads were weighed. If they were not, the setting cg_sd
     # of the vehicle file is larger and replaces it
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
-    # Logs can hardly distinguish the ratio of the radii from longitudinal stiffness. So
-    # the prior sd of a radius is only as large as its changes by wear and tyre pressure
+    # Logs can hardly distinguish an error in the ratio of the radii from an error of the
+    # longitudinal stiffness. With a large prior sd, the fit would explain the one by the
+    # other. So the prior sd only covers the changes of a radius by wear and tyre pressure
     Unknown(
         "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
     Unknown(
         "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
-    # the axles share a longitudinal force in proportion to their stiffness; if the ratio
-    # of the stiffnesses is wrong, the fit explains this by wheel latencies of tens of ms
+    # The axles share a longitudinal force in proportion to their stiffness. The rear
+    # stiffness is an unknown of its own: with a wrong constant ratio of the stiffnesses,
+    # the fit would explain the error by wheel latencies of tens of ms
     Unknown(
         "longitudinal_stiffness_rear",
         "rear longitudinal stiffness",
@@ -145,11 +148,12 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("imu_scale_ay_error", "IMU scale", 0.0, 0.01, -0.3, 0.3, worth=0.005),
     Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
     Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
-    # the axle with the larger share of the roll stiffness has more load transfer and
-    # loses more grip; the front axle has 0.4 .. 0.63 of the roll stiffness
+    # The axle with the larger share of the roll stiffness has more load transfer and
+    # loses more grip. The prior sd follows from the share of the front axle, 0.4 .. 0.63
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
-    # the stiffness of the axle with the larger load increases less with additional load
+    # Not 0 if the static axle loads differ: the stiffness of the axle with the larger
+    # load increases less with additional load
     Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
@@ -169,8 +173,9 @@ OF_VELOCITY: tuple[Unknown, ...] = (
 )
 # name of an unknown of a velocity sensor -> setting with its prior sd
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
-# Key: setting of table [uncertainty]. Value: unknown whose sd this setting is, both in
-# the prior and in the vehicle file that a calibration writes
+# Key: setting of table [uncertainty]. Value: the unknown to which the setting belongs.
+# The setting is the prior sd of the unknown, and a calibration writes the posterior sd of
+# the unknown to the setting
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -181,8 +186,10 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# Key: unknown that is a scale error of accel_y. Value: a second unknown, which causes a
-# scale error of accel_y, too, and the ratio of this scale error to the second unknown
+# Key: the scale error of accel_y. Value: a second unknown, which changes accel_y in the
+# same way, and a factor. The factor times the second unknown is the scale error that it
+# causes. Logs determine only the sum of both scale errors, so only the sd of the sum is
+# reported
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads of a log; name_in_log() adds the index of the log
 

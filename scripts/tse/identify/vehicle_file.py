@@ -24,11 +24,14 @@ from tse.car.vehicle import (
 from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-# Weight of the prior value of model_sd, in pieces of LASTING_PIECE_TIME (10 s): the prior
-# value counts as much as an estimate from 20 s of curves
+# Weight of the prior value of the setting model_sd (relative sd of the model error)
+# against its estimate from residuals, in intervals of LASTING_PIECE_TIME (10 s): the
+# prior value counts as much as an estimate from 20 s of curves
 PRIOR_PIECES = 2.0
-# [m/s2] lateral acceleration from which the `floor` of measure_share() is computed; the
-# same as MIN_ACTIVITY of the filter
+# [m/s2] The yaw rate at which the car has this lateral acceleration is the `floor` of
+# measure_share(): a weaker signal counts little. The value is that of MIN_ACTIVITY,
+# because the filter multiplies model_sd by an excitation level that is at least
+# MIN_ACTIVITY
 MIN_LATERAL_ACTIVITY = 0.5
 
 
@@ -47,9 +50,10 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 
     The prior value `before` and the value from measure_unexplained() are combined. The
     square of the result is the weighted mean of the squares of both values. The weight of
-    `before` is PRIOR_PIECES, the weight of the measured value is its number of pieces.
-    Half a minute straight ahead has nearly no weight, because it contains no model error
-    of curves. Half an hour of curves outweighs `before`.
+    `before` is PRIOR_PIECES. The weight of the measured value is the effective number of
+    10 s intervals that it is computed from. Straight driving hardly increases this
+    number, because it does not show the model error of curves. Half an hour of curves
+    outweighs `before`.
     """
     left, count = measure_unexplained(problem, residuals)
     found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
@@ -57,10 +61,11 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 
 
 def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the ratio of model error to signal of yaw_rate, and the number of pieces.
+    """Return model error / signal of yaw_rate, and the effective number of intervals.
 
-    They are the two results of measure_share(). yaw_rate is chosen because bank and grade
-    do not act on a gyro. Without a gyro, both results are 0.
+    These are the two results of measure_share(). yaw_rate is chosen because bank and
+    grade do not act on a gyro, so its residuals contain no errors of the road. Without a
+    gyro, both results are 0.
     """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
@@ -87,7 +92,8 @@ def format_vehicle(
     title
         First lines of the file.
     vehicle
-        The user's vehicle, with its facts and formula.
+        The user's vehicle, with its formula, and with those keys of the user's file that
+        are not settings (Vehicle.facts).
     values
         All settings, by name.
     uncertainty

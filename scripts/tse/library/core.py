@@ -123,9 +123,9 @@ class EffectRow:
     # how often cars have the effect: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or
     # IN_MODEL, defined at the top of src/tables/effects.toml
     occurrence: str
-    # title that replaces `title` if the fitted value is below `early_below`. The cause of
-    # such a value is a latency of messages or a low-pass filter of the IMU, not the car.
-    # "": there is no such title
+    # title that replaces `title` if a fitted strength of the effect is below
+    # `early_below`. The cause of so small a strength is a latency of messages or a
+    # low-pass filter of the IMU, not the car. "": `title` is never replaced
     early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
@@ -164,8 +164,10 @@ class FormulaOp:
     # NUMBER: a number of the formula, SIGNAL: a signal of the model, PLAIN: a function of
     # the operands, MEMORY: a function that also depends on earlier values of the operands
     kind: str
-    # unit of the result, or the rule that gives it from the units of the operands: same,
-    # product, quotient, root, first, rate
+    # unit of the result and of all operands, or one of these rules. same: operands and
+    # result have any unit, but the same one. first: the result has the unit of the first
+    # operand. rate: the unit of the operand, per s. product, quotient, root: the product,
+    # quotient or square root of the units of the operands
     unit: str
     text: str
 
@@ -432,9 +434,10 @@ class Library:
         """Convert numbers, or records of struct `which`, to the library's number format.
 
         For a floating-point library, return `values` itself. For a fixed-point library,
-        return a new array, in which NaN is the library's code of NaN, and a number beyond
-        the range is the nearest limit. Settings are first rounded to single precision, as
-        macro TSE_S of tse/real.h does."""
+        return a new array. In it, NaN is replaced by an integer that stands for NaN
+        (FIXED_NAN), and a number outside the range by the nearest limit. Settings are
+        first rounded to single precision, as macro TSE_S of tse/real.h does. So they are
+        equal in libraries of all number formats."""
         if not self.fraction_bits:
             return values
         if which is None:
@@ -561,7 +564,9 @@ class Settings:
     def address(self) -> int:
         """Address of the struct in the library's number format.
 
-        It is valid until this property is read again."""
+        For a fixed-point library, it is the address of a converted copy. Each read of
+        this property makes a new copy, so an address is valid only until the next
+        read."""
         object.__setattr__(self, "_native", self.lib.native(self._record, self._which))
         return self._native.ctypes.data
 
@@ -667,6 +672,7 @@ def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings
                 # the setting is not set: the library computes it from other settings
                 raise SettingError(
                     f"{name} follows from mass, lf and lr, and is outside its range {f.range_text} ({f.text})"
+                    f"; correct mass, lf or lr, or set {name}"
                 )
             raise SettingError(f"{name} = {value:g} is refused; allowed: {f.range_text} ({f.text})")
     row = settings[0].lib.codes(STATUS).get(status)

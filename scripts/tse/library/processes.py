@@ -41,10 +41,11 @@ class Died(RuntimeError):
 
 
 class Workers:
-    """Interface of classes that run tasks: submit() accepts a task, next() waits for a
-    task to finish and returns it.
+    """Interface of classes that run tasks.
 
-    If an error ends the `with` block, running tasks are stopped."""
+    submit() accepts a task. next() waits until any task is finished, and returns this
+    task and a function that gives its result. If an error ends the `with` block, running
+    tasks are stopped."""
 
     submit: Callable[[Any], None]
     next: Callable[[], Finished]
@@ -166,7 +167,7 @@ def _raise_died(more: str = "") -> Any:
 def _end_with_parent() -> None:
     """Start a thread that ends this worker process when its parent process ends.
 
-    Without it, the worker of a killed parent would wait for tasks forever."""
+    Without this thread, a worker whose parent was killed would wait for tasks forever."""
     parent = multiprocessing.parent_process()
 
     def end_after_parent() -> None:
@@ -279,7 +280,8 @@ def check_workers(client: Any, scheduler: str) -> None:
 def treat_kill_as_interrupt() -> Iterator[None]:
     """Let SIGTERM, which the command kill sends, act as Ctrl-C: raise KeyboardInterrupt.
 
-    The block then ends its worker processes."""
+    Without this, SIGTERM would end the process at once. The exception lets the code in
+    the `with` block end the worker processes that it has started."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

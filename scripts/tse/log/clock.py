@@ -5,10 +5,11 @@ An entry is a row, a frame or a sample of a log, with its time."""
 import numpy as np
 
 DAY = 86400.0  # [s]
-# If the time of an entry is lower than the maximum of the times before it, there are two
-# cases. The entry is late, i.e. it was delayed in a buffer, if its time is lower by at
-# most MAX_LATE_TIME and one of the next MAX_LATE_ROWS / 2 entries exceeds the maximum
-# again. In all other cases the clock was set back.
+# If the time of an entry is lower than the highest time before it, either this entry was
+# delayed in a buffer (it is "late"), or the clock was set back. It is late if its time is
+# lower by at most MAX_LATE_TIME, and if one of the next MAX_LATE_ROWS / 2 entries has a
+# time above the highest one: after a delayed entry, times soon continue as before. If one
+# of these conditions is not met, the clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
 # [s] longest gap that the library allows; a longer jump is taken as an error of the clock

@@ -9,13 +9,15 @@ The sd of the noise of a channel, while the car moves, is the largest of these v
     accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to the misfit. It is
     averaged over 0.2 s, and its slow part (average over 2 s) is subtracted. The sd of the
     result is computed in each window of 2 s, and the quantile 0.3 of these sds represents
-    quiet driving. It is multiplied by the square root of the number of rows in 0.2 s:
-    white noise with this sd in each row would give the same averages over 0.2 s.
+    quiet driving. It is the sd of an average over 0.2 s. White noise with the same effect
+    has a larger sd in each row: it is larger by the square root of the number of rows in
+    0.2 s, so this quantile is multiplied by that root.
 (d) A lower limit, NOISE_FLOOR, which is 0 for wheel speeds.
 
 If a sensor is slower than the rows, each of its samples is repeated, or interpolated
-linearly, over several rows. The number of these rows is the hold k. Together, these k
-rows have the information of one sample, so (a) and (b) are multiplied by sqrt(k). For
+linearly, over several rows. The number of these rows is the hold k. The filter uses each
+row as an independent measurement, but k rows contain the information of one sample only.
+So (a) and (b) are multiplied by sqrt(k): k rows then have the weight of one sample. For
 wheel speeds, (a) and (b) of the noisier axle are used for both axles.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
@@ -56,7 +58,8 @@ class Misfit:
     dv/dt or accel_y - v yaw_rate, with the speed v from the wheels.
     """
 
-    # [m/s2] sd, in each row, of white noise that would have the same averages over 0.2 s
+    # [m/s2] sd of the white noise in each row whose averages over 0.2 s would have the
+    # same sd as those of the misfit
     sd: float
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
@@ -104,9 +107,10 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
 def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """Return the noise of a channel of a log; None if the log is too short.
 
-    If a channel was interpolated, its noise is estimated from its original entries. The
-    sd of an entry is then multiplied by the square root of the number of rows per entry.
-    With this sd, these rows together have the information of one entry."""
+    If a channel has fewer entries than the log has rows, it was interpolated to the rows.
+    Its noise is then estimated from the original entries. The filter uses each row as an
+    independent measurement. So that all rows of an entry together have the weight of one
+    entry, the sd is multiplied by the square root of the number of rows per entry."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
