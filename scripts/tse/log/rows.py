@@ -1,7 +1,8 @@
-"""Check the channels of a log, from any reader, and provide its rows for the estimator.
+"""Check the channels of a log, and convert them to rows for the C library.
 
-An unusable log raises a UserError that names file, row, column and allowed range. A few
-unusable values become missing values, and a note reports them."""
+An unusable log raises a UserError that names file, row, column and allowed range. If at
+most the share MAX_OUTSIDE of the values of a column is outside the allowed range, these
+values become missing values, and a note reports them."""
 
 from __future__ import annotations
 
@@ -24,8 +25,10 @@ MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
 # column of an axle -> columns of its two wheels, which a log may have instead
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}
 # Optional column of a log -> unit, lowest and highest value, description, hint for a
-# wrong unit. The estimator uses only the columns that input.toml also has. vehicle_speed
-# is only used to check the units of other columns.
+# wrong unit. The C library receives only those of these columns that
+# src/tables/input.toml lists. Of the others, latitude and longitude locate the car on a
+# road. vehicle_speed serves to check the units of other columns, and replaces the wheel
+# speeds in a log that has none.
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -70,45 +73,55 @@ COLUMN_HINTS = {
 }
 
 # Limits of a time column
-MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0  # [s] allowed median step between rows
+# [s] allowed median step between rows. A step below MIN_ROW_STEP is refused only if it is
+# below half of it
+MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0
 MAX_SHUFFLED = 0.2  # share of rows whose time falls; above it the rows are not sorted by time
 MAX_BACK = 0.5  # share of rows whose time does not increase; above it the column holds no time
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
-# [1] If the yaw rate explains less than this share of the mean square of the difference
-# between the two wheel speeds of an axle, the difference is mainly noise, and the track
-# width is not determined from it.
+# [1] The difference between the two wheel speeds of an axle is fitted by a constant times
+# the yaw rate. If the fit explains less than this share of the mean square of the
+# difference, the difference is mainly noise. The constant is then discarded, and the
+# track width, which would follow from it, is not determined.
 MIN_TURN_SHARE = 0.5
-# [1] accel_y is fitted by a constant times speed x yaw rate. If the rms of the residual
-# is less than this share of the rms of accel_y, accel_y was not measured, but computed as
-# speed x yaw rate. For a measured accel_y, the share is at least 0.04, even in a
+# [1] accel_y is fitted by a constant times wheel speed x yaw rate. If the rms of the
+# residual is less than this share of the rms of accel_y, accel_y was not measured, but
+# computed as speed x yaw rate. It is then treated as missing, because it adds nothing to
+# the two other channels. For a measured accel_y, the share is at least 0.04, even in a
 # simulation without noise.
 MAX_COMPUTED_MISFIT = 0.015
-# A logger may write zeros for missing values. The zeros of a channel are treated as
-# missing values under two conditions. First, at least MIN_ZERO_RUNS runs of zeros begin
-# and end with a jump. Second, the share of these runs in all runs of zeros of the channel
-# is at least MIN_ZERO_SHARE. A change is a jump if it exceeds ZERO_JUMP_STEPS times the
-# 95 % quantile of the changes from row to row.
+# A logger may write zeros for missing values. A run of zeros, i.e. of successive rows
+# with the value 0, is suspicious if the values before and after it have the same sign,
+# and if both magnitudes exceed ZERO_JUMP_STEPS times the 95 % quantile of the changes
+# from row to row (without changes from or to 0). If at least MIN_ZERO_RUNS runs of a
+# channel are suspicious, and if these are at least the share MIN_ZERO_SHARE of all its
+# runs of zeros, all zeros of the channel are treated as missing values.
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
-# The value of the largest magnitude is taken as a bus code for "not available" if it
-# exceeds the next smaller magnitude by the factor MIN_CODE_RATIO, if at least
-# MIN_CODE_ROWS rows have it, and if the channel has at least MIN_OTHER_VALUES different
-# other values.
+# A bus may send a fixed value that means "not available". The value of a channel with the
+# largest magnitude is taken as such a code, and treated as missing, under three
+# conditions. Its magnitude is more than MIN_CODE_RATIO times that of any other value. It
+# appears in at least MIN_CODE_ROWS rows, but in less than the share MAX_BACK of all rows.
+# The other rows have at least MIN_OTHER_VALUES different magnitudes.
 MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
 # A channel with fewer rows is not tested for being stuck or computed.
 MIN_STUCK_ROWS = 200
 MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row of the witness is used
-# A measurement is stuck if it is constant although its witness changes. The witness is a
-# channel that changes whenever the measurement should change. Columns: measurement;
-# witness; limit that the range of the witness (5 % to 95 % quantile) must exceed.
+# A measurement is stuck if it has the same value in all rows although the motion of the
+# car changes. The change is seen in a second channel, the witness. Columns: measurement;
+# witness; limit of the range of the witness (95 % minus 5 % quantile), in the unit of the
+# witness. If the range exceeds the limit, a sensor that works would not have measured the
+# same value all the time.
 WITNESSES = (
     ("accel_x", "wheel_speed_rear", 5.0),  # [rad/s] 1.5 m/s of speed
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# [1] In average(), the mean of a block is NaN if at least this share of its values is
-# missing. A block is dropped if it has at most this share of the usual number of rows.
+# [1] average() compares two shares with this limit. If at least this share of the values
+# of a channel is missing in a block, the mean of the channel over the block is NaN. If
+# the number of rows in a block is at most this share of the median over all blocks, the
+# block is dropped.
 MAX_MISSING = 0.5
 
 
@@ -130,9 +143,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class SlowChannel:
-    """Original samples of a channel that was interpolated to the times of the rows.
+    """Original samples of a channel whose rate is below the rate of the rows.
 
-    An entry is one original sample."""
+    In the rows, the channel is interpolated, which smooths its noise. The noise is
+    therefore estimated from the original samples, which are called entries."""
 
     time: np.ndarray  # [s]
     value: np.ndarray
@@ -140,10 +154,12 @@ class SlowChannel:
 
 
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
-    """Write the finite values of `columns` to the optional channels of library rows.
+    """Write the finite values of `columns` to the optional channels of `rows`.
 
-    In each row, the bits in rows["given"] state which optional channels have a value. The
-    function also sets these bits. A course is wrapped to -pi .. pi rad."""
+    `rows` is an array of tse_input, the input struct of the C library. For each optional
+    channel, a bit of rows["given"] states whether the channel has a value in this row.
+    The function sets the bits of the finite values. A course is wrapped to -pi .. pi
+    rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -172,8 +188,9 @@ class CheckedLog:
     # Axle whose wheel speeds are not in the file. It gets the wheel speeds of the other
     # axle, so longitudinal slip is not observable. None: both axles are in the file.
     stand_in: str | None = None
-    # factor by which the wheel speeds of the other axle were multiplied for the axle
-    # `stand_in`: wheel radius of the other axle / wheel radius of this axle
+    # factor by which the copied wheel speeds of the axle `stand_in` were multiplied:
+    # wheel radius of the other axle / wheel radius of the axle `stand_in`. With it, wheel
+    # speed x wheel radius is the same at both axles
     stands_by: float = 1.0
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
     # Axle whose two wheel speeds are in the file -> (right - left wheel speed) / yaw
@@ -242,17 +259,20 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
         Wheel speeds of axles for which the log has two columns, one for each wheel,
         instead of one column for the axle.
     spare : collection of str
-        Channels that are not required. In addition, the wheel speed of one axle may be
-        missing.
+        Channels that are not required. In addition, the wheel speed of one axle is not
+        required if the log has the wheel speed of the other axle.
     """
-    # If a column differs from the name of a channel only by capital letters, the channel
-    # is misspelt, not absent. It is not returned, so the caller refuses the log and
-    # suggests the right name, instead of continuing without the channel.
+    # A column that differs from the name of a channel only by capital letters is taken as
+    # a misspelling of this name. The channel is then not returned as absent. So the
+    # caller refuses the log and suggests the right name, instead of estimating without
+    # the channel.
     misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # If the log has one of the two wheels of the missing axle, the axle is required. Then
-    # check_log() refuses the log, since the other wheel is missing.
+    # An axle without wheel speeds is not required, because the wheel speeds of the other
+    # axle replace them. But if the log has one of the two wheels of this axle, the second
+    # wheel was probably forgotten. The axle is then not returned as absent, so the caller
+    # refuses the log.
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
 
@@ -266,7 +286,7 @@ def check_log(
     spare: Collection[str] = MEASURES,
     place: str = "line",
 ) -> CheckedLog:
-    """Check the columns of a log.
+    """Check the columns of a log, and return them as a CheckedLog.
 
     Parameters
     ----------
@@ -275,16 +295,17 @@ def check_log(
     time : ndarray, (rows,)
         [s] Increasing times.
     table : dict of str to ndarray, (rows,)
-        Columns in SI units, by name of the channel or of the wheel. Used columns are
-        removed from it.
+        Columns in SI units. A key is the name of a channel, or of one wheel of an axle.
+        The function removes the columns that it uses.
     line : ndarray of int, (rows,)
-        Number of the line or row of the file from which each row was read.
+        Number by which messages name each row (see `place`): that of the line of a text
+        file, or of the row of a data frame or of a resampled log.
     notes : list of str
         Receives notes about missing and unusable values.
     spare : collection of str
-        Channels that are not required.
+        Channels that may be missing.
     place : str
-        What `line` counts: line or row.
+        Word for messages that states what `line` counts: line or row.
 
     Raises
     ------
@@ -345,10 +366,13 @@ def _check_channels(
     notes: list[str],
     place: str,
 ) -> None:
-    """Refuse columns outside their range; replace wrong values by NaN.
+    """Check the values of all channels, and replace unusable values by NaN.
 
-    Absent channels become columns of NaN. `parts`: channel -> names of its columns, which
-    are one column or the columns of two wheels. `absent`: channels that the log lacks."""
+    A column with too many values outside its range raises a UserError (see MAX_OUTSIDE).
+    NaN replaces a few values outside the range, bus codes for "not available", zeros that
+    stand for missing values, and all values of a stuck measurement. Absent channels
+    become columns of NaN. `parts`: channel -> names of its columns, which are one column
+    or the columns of two wheels. `absent`: channels that the log lacks."""
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
@@ -411,10 +435,11 @@ def _check_sample_time(path: Path, step: float) -> None:
 
 
 def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
-    """Discard a measurement that is the same in all rows while its witness changes.
+    """Discard a measurement that is stuck, i.e. equal in all rows although the car moves.
 
-    The filter also detects such a measurement, but only after some rows, whose estimates
-    would be wrong."""
+    WITNESSES lists for each measurement a second channel, the witness, whose range shows
+    that the measurement should have changed. The filter also detects a stuck measurement,
+    but only after some rows, and the estimates up to then would be wrong."""
     for name, witness, threshold in WITNESSES:
         value = data[name]
         first = int(np.isfinite(value).argmax())
@@ -456,9 +481,10 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
 def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     """Replace by NaN the zeros that a logger wrote for missing values.
 
-    A run of zeros is suspicious if the values before and after it have the same sign and
-    are further from 0 than the channel usually changes from row to row. If there are many
-    suspicious runs (MIN_ZERO_RUNS, MIN_ZERO_SHARE), all zeros are replaced."""
+    A run of zeros is suspicious if the values before and after it have the same sign, and
+    both are much larger in magnitude than the usual change from row to row
+    (ZERO_JUMP_STEPS). If there are many suspicious runs (MIN_ZERO_RUNS, MIN_ZERO_SHARE),
+    all zeros of the channel are replaced. Else none is replaced."""
     value = data[name]
     zero = value == 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], zero.astype(np.int8), [0]])))
@@ -508,11 +534,11 @@ def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 
 
 def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
-    """Return the part of a log in which the car turns most, to inspect its sensors.
+    """Return the part of a log in which the car turns most, for checks of its sensors.
 
-    The part has `rows` rows if the sample time is at most 0.01 s. If the sample time is
-    longer, the part has fewer rows and lasts `rows` x 0.01 s. A log that is shorter than
-    the part is returned completely."""
+    The part has at most `rows` rows and lasts at most `rows` x 0.01 s. So it has `rows`
+    rows if the sample time is at most 0.01 s, and fewer rows if the sample time is
+    longer. A log that is shorter than the part is returned completely."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
@@ -550,10 +576,11 @@ def _average_axle(
 ) -> tuple[np.ndarray, float]:
     """Return the mean wheel speed [rad/s] of an axle, and the turn ratio.
 
-    The turn ratio is the ratio of the difference of both wheels, right minus left, to the
-    yaw rate. It equals track width/wheel radius. It is fitted to the rows with both
-    wheels, and 0 is returned if noise dominates. In a row with only one wheel, the mean
-    is the speed of this wheel, corrected by half of the fitted difference."""
+    The turn ratio is (right - left wheel speed) / yaw rate, which equals track width /
+    wheel radius. It is fitted to the rows that have both wheels. If noise dominates the
+    difference of the wheel speeds (see MIN_TURN_SHARE), the returned turn ratio is 0. In
+    a row with only one wheel, the mean is the speed of this wheel, corrected by half of
+    the difference that follows from the fitted turn ratio and the yaw rate."""
     difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     rate = yaw_rate if both.all() else yaw_rate[both]
@@ -616,7 +643,7 @@ def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
 
 
 def average(log: CheckedLog, seconds: float) -> CheckedLog:
-    """Return the log averaged over blocks.
+    """Return the log averaged over blocks: one row per block, the mean of its rows.
 
     Parameters
     ----------
@@ -628,14 +655,14 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     Returns
     -------
     CheckedLog
-        Each row belongs to one block. It has the means of time, channels, references and
-        optional columns over the block. Averaging n rows divides the sd of white noise by
-        sqrt(n).
+        Each row has the means over one block of the times, channels, references and
+        optional columns. White noise has a smaller sd in these rows: the mean of n rows
+        divides the sd by sqrt(n).
 
     Raises
     ------
     UserError
-        `seconds` is out of range, or is not longer than one step between rows.
+        `seconds` is out of range, or is shorter than 1.5 steps between rows.
     """
     f = library().field(CONFIG, "sample_time")
     if not f.low <= seconds <= f.high:
@@ -643,7 +670,7 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     if log.sample_time is None or seconds < 1.5 * log.sample_time:
         have = "the log has a single row"
         if log.sample_time:
-            have = f"the rows of the log are {log.sample_time:.3g} s apart"
+            have = f"the rows of the log are {log.sample_time:.3g} s apart; allowed: at least 1.5 times this"
         raise UserError(f"option --average: {seconds:g} s is too short for blocks of several rows: {have}")
     block = np.floor((log.time - log.time[0]) / seconds + 1e-6).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
@@ -730,11 +757,12 @@ def straighten_log_time(
     time : ndarray, (rows,)
         [s] The time column.
     line : ndarray of int, (rows,)
-        Number of the line or row of the file from which each row was read.
+        Number by which messages name each row (see `place`): that of the line of a text
+        file, or of the row of a data frame or of a resampled log.
     notes : list of str
         Receives notes about the repairs.
     place : str
-        What `line` counts: line or row.
+        Word for messages that states what `line` counts: line or row.
 
     Raises
     ------
@@ -792,7 +820,8 @@ def _check_channel(
 ) -> None:
     """Refuse a column with many values outside its range; replace a few by NaN.
 
-    `name` is the column: channel `f`, or one of its two wheels."""
+    The limit between many and a few is MAX_OUTSIDE. `name` is the column to check: that
+    of the channel `f`, or of one wheel if `f` is the wheel speed of an axle."""
     value = data[name]
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")

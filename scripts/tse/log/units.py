@@ -10,11 +10,12 @@ if TYPE_CHECKING:
     import pint
 
 
-# Key: a unit of pint. Value: spellings of this unit that occur in logs, and that pint
-# refuses or interprets as a different unit. The spellings in a string are separated by
-# blanks. A spelling contains no blanks, because parse_unit() removes all blanks from the
-# unit in a log. A spelling is in lower case, unless the case matters: kN is kilonewton,
-# but kn is knot. Hz is used for wheel speeds, so it means turns per second, not rad/s.
+# Key: a unit of pint. Value: spellings of this unit that occur in logs, separated by
+# blanks, and that pint refuses or interprets as a different unit. parse_unit() removes
+# all blanks from the unit in a log, and searches it in this table first as it is written,
+# then in lower case. The spellings are therefore in lower case. The only exception is kN
+# (kilonewton), because kn is knot. Hz as unit of a wheel speed means turns per second,
+# whereas pint takes 1 Hz as 1 rad/s. The unit 1 stands for a quantity without unit.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -47,9 +48,9 @@ _SPELLINGS = {
 }
 SPELLINGS = {"": "1"} | {s: unit for unit, spelled in _SPELLINGS.items() for s in spelled.split()}
 
-# If a unit is not in _SPELLINGS, pint parses it, but only if it matches this pattern. The
-# pattern allows at most one ^, because pint would try to compute nested powers such as
-# 9^9^9^9, which take unlimited time and memory.
+# Pattern of the units that pint may parse if they are not in _SPELLINGS. Any other unit
+# is unknown. The pattern allows at most one ^, because pint would try to compute nested
+# powers such as 9^9^9^9, which take unlimited time and memory.
 _SIMPLE_UNIT = re.compile(r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}")
 
 

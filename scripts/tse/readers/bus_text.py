@@ -1,7 +1,7 @@
-"""Read frames of a CAN bus from the text formats of many tools.
+"""Read frames of a CAN bus from the text files of candump, BUSMASTER and other tools.
 
-ASC and TRC files are parsed by python-can, which receives repaired lines from this
-module. All other formats are parsed here."""
+The formats ASC and TRC are parsed by python-can. This module only changes the lines that
+python-can would misread, see AscText and TrcText. All other formats are parsed here."""
 
 import base64
 import binascii
@@ -40,10 +40,10 @@ class CanFrame(NamedTuple):
 
 
 class Lines:
-    """The lines of a text file in UTF-8, UTF-16 or cp1252.
+    """Yields the lines of a text file in UTF-8, UTF-16 or cp1252, with their numbers.
 
-    The object also collects the numbers of the lines that cannot be parsed, and counts
-    the error frames."""
+    The functions that parse the lines store in this object which lines they cannot parse,
+    and how many error frames the log contains."""
 
     def __init__(self, path: Path):
         self._path = path
@@ -143,12 +143,13 @@ def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool
     lines : Lines
         Lines of the file. Receives the numbers of the lines that cannot be parsed.
     knows : callable
-        Returns whether a database contains an identifier.
+        Returns whether a database contains an identifier. In a table, this decides
+        whether the identifiers are decimal or hexadecimal numbers.
 
     Raises
     ------
     UserError
-        The frames have no times.
+        The file is a log of candump whose frames have no times.
     """
     if kind == "candump":
         return _read_candump(path, lines)
@@ -293,9 +294,10 @@ def _simplify_title(title: str) -> str:
 
 
 def _find_columns(line: str) -> dict[str, int]:
-    """Return the indices of the columns time, identifier and data in a line of titles.
+    """Return the indices of the columns time, identifier and data of a table of frames.
 
-    For a line without these titles return {}."""
+    `line` may be the line with the titles of the table. If it lacks one of the three
+    titles, return {}."""
     if len(line) > MAX_LINE_LENGTH:
         return {}
     names = [_simplify_title(n) for n in _split_titles(line)]
@@ -324,9 +326,8 @@ class _FrameTable:
 
     The data of a frame are either in one column or in one column per byte. A single
     column is hexadecimal or, if python-can wrote it, in base 64. Identifiers are decimal
-    or hexadecimal numbers, see _is_decimal(). The title of the time column may state the
-    unit of the times. If the title states no unit, times that are integers have the unit
-    that _guess_tick() returns, and all other times are in s."""
+    or hexadecimal numbers, see _is_decimal(). Times are times of day, dates or numbers,
+    see _make_time_parser()."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -435,8 +436,10 @@ TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.A
 def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
     """Return a function that converts a time of the table to s.
 
-    The unit or form of the times follows from the title of the column and from `stamps`,
-    the times of the first rows."""
+    If most of `stamps`, the times of the first rows, contain a colon, the times are times
+    of day or dates. Otherwise the times are numbers, and the title of their column may
+    state their unit. Without a unit in the title, integers are in ms, us or ns, see
+    _guess_tick(), and all other numbers are in s."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
     )
@@ -471,10 +474,12 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 def _guess_tick(stamps: np.ndarray) -> float:
     """Guess the unit of integer times: ms, us or ns. Return its length [s].
 
-    Times since 1970 are above 1e14 in us, and above 1e17 in ns. If the times are smaller,
-    the unit follows from the median step between frames. On a bus this step is about
-    0.1 to 20 ms, i.e. 1e5 to 2e7 in ns, 100 to 20000 in us, and 0.1 to 20 in ms. So a
-    step above 1e5 means ns, a step of 20 to 1e5 means us, and a shorter step means ms."""
+    Times since 1970 are about 2e15 in us and 2e18 in ns. So if the first time is above
+    1e17, the unit is ns, and if it is between 1e14 and 1e17, the unit is us. If it is
+    below 1e14, the unit follows from the median step between frames. On a bus this step
+    is about 0.1 to 20 ms, i.e. 1e5 to 2e7 in ns, 100 to 20000 in us, and 0.1 to 20 in ms.
+    So a step above 1e5 means ns, a step of 20 to 1e5 means us, and a shorter step means
+    ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
@@ -521,10 +526,12 @@ class _GeneratedText:
 
 
 class AscText(_GeneratedText):
-    """The lines of an ASC file, repaired for python-can's reader.
+    """The lines of an ASC file, changed such that python-can reads their times correctly.
 
-    Relative times are summed up. If the times are absolute and the first one is negative,
-    all times are shifted such that the first one is 0."""
+    python-can takes every time as the time since the start of the log, and skips lines
+    with negative times. So times relative to the frame before are summed up. If the first
+    of the absolute times is negative, all times are shifted such that the first one is
+    0."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
 
@@ -562,17 +569,20 @@ class AscText(_GeneratedText):
 
 
 class TrcText(_GeneratedText):
-    """The lines of a TRC file for python-can's reader.
+    """The lines of a TRC file, changed such that python-can can read them.
 
-    A file of version 1.2 is converted to version 1.3."""
+    python-can reads version 1.3 of the format, but not version 1.2. A file of version 1.2
+    is therefore converted to version 1.3."""
 
     def __init__(self, lines: Lines):
         super().__init__(self._generate(lines))
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
-        """Yield the lines. Version 1.3 has a reserved sixth column that does not exist in
-        version 1.2: insert "-" for this column in the lines of version 1.2."""
+        """Yield the lines of the file, converted from version 1.2 to 1.3 if necessary.
+
+        Version 1.3 has one column more than version 1.2: the reserved sixth column. In
+        files of version 1.2, "-" is inserted for it."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

@@ -18,8 +18,8 @@ from tse.readers.recording import import_optional
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
-# A standard identifier has 11 bits, an extended one 29. A DBC marks an extended one by
-# bit 31
+# bits of an extended identifier (29); largest standard identifier (11 bits); bit 31, by
+# which a DBC marks that an identifier is extended
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 # identifier of the message in which Vector's tools put signals that belong to no message
 ORPHAN_IDENTIFIER = 0xC0000000
@@ -105,15 +105,16 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         No message can be read.
     """
     cantools = import_optional("cantools", "can", str(path))
-    # cantools logs a warning if messages have the same name. The warning is suppressed,
-    # because read_can.py finds messages by their identifiers
+    # If several messages have the same name, cantools logs a warning. The warning is
+    # suppressed, because read_can.py finds messages by their identifiers, so that equal
+    # names do no harm
     logging.getLogger("cantools").setLevel(logging.CRITICAL)
     try:
         size = path.stat().st_size
         if size > MAX_DATABASE_BYTES:
             raise UserError(
                 f"{path}: has {size >> 20:,} MB; allowed for a database: up to "
-                f"{MAX_DATABASE_BYTES >> 20} MB: export only the needed buses"
+                f"{MAX_DATABASE_BYTES >> 20} MB; export only the needed buses"
             )
         if path.suffix.lower() != ".dbc":
             return list(getattr(cantools.database.load_file(path, strict=False), "messages", []))
@@ -166,10 +167,12 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    First try all lines, as repaired by _split_parts(). If cantools refuses these lines,
-    try only the lines that define messages and signals. If cantools refuses these, too,
-    try each message separately. If cantools refuses a message, try each of its signals
-    separately, and keep the message with those signals that cantools accepts."""
+    cantools receives less and less of the DBC until it accepts the rest. First it
+    receives all lines, as repaired by _split_parts(). If it refuses them, it receives
+    only the lines that define messages and signals. If it refuses these as well, it
+    receives each message separately. If it refuses a message, it receives each signal of
+    this message separately. The message is kept with those signals that cantools accepts.
+    `odd` receives what is left out."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
@@ -306,9 +309,10 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
     """Replace the name of the signal in a statement by the clean name; return the result.
 
-    The statement defines names of values, the number type, a comment or a long name of
-    the signal. If the statement cannot be parsed, or its signal does not exist, return
-    ""."""
+    The clean name consists of letters, digits and _, see _clean_name(). It replaces names
+    in the file that a DBC does not allow. The statement defines names of values, the
+    number type, a comment or a long name of the signal. If the statement cannot be
+    parsed, or its signal does not exist, return ""."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""

@@ -44,22 +44,22 @@ EXTENDED_SHIFT, BUS_SHIFT = 29, 32
 
 
 def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
-    """Return the databases of the options; without any, those in the folder of the log.
+    """Return the databases that the options name; else those in the folder of the log.
 
     Parameters
     ----------
     path : Path
         The log.
     how : ReadOptions
-        Options: the databases.
+        Options of the reader. Their member `databases` is used.
     required : bool
-        Raise an error if there is no database.
+        True: raise an error if there is no database.
 
     Raises
     ------
     UserError
-        A database of the options does not exist; or `required` is True, and there is no
-        database.
+        A database that the options name does not exist; or `required` is True, and there
+        is no database.
     """
     if how.databases:
         for p in how.databases:
@@ -80,13 +80,15 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
 class _Kept:
     """Decoded values of one message on one bus.
 
-    A message may lack some of its signals in some frames. Signals that occur in the same
-    frames have the same pattern, see _make_pattern(), and share an entry of `frames`."""
+    A frame of the message may lack some signals, because the frame is too short for them,
+    or because they are multiplexed. The numbers of the frames that contain a signal are
+    therefore stored. Signals that occur in the same frames share these numbers. They have
+    the same key from _make_pattern(), which is called their pattern."""
 
     message: Any
     signals: list[Any]  # needed signals of the message
     value: dict[str, Growing] = field(default_factory=dict)  # name of a signal -> its values
-    # pattern -> numbers of the frames that contain the signals with this pattern
+    # pattern of signals -> numbers of the frames that contain these signals
     frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
 
 
@@ -160,10 +162,10 @@ class Bus:
         Parameters
         ----------
         time : ndarray, (kept frames,)
-            [s] Times of the kept frames in the order of the file.
+            [s] Times of the kept frames, in the order in which add() received the frames.
         keep : ndarray of bool, (frames,), or None
-            True for the kept frames. None: all frames are kept, `time` may decrease, and
-            the values of each signal are sorted by time.
+            True for the kept frames. None: all frames are kept. Their times need not
+            increase then, because the values of each signal are sorted by time.
         notes : list of str
             Receives notes about repeated messages, invalid values and unknown
             identifiers.
@@ -177,9 +179,12 @@ class Bus:
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)
-        # If a message is on several buses, the name of a channel depends on the order of
-        # this loop. Sort by the name of the bus (2 before 10), so that the names are the
-        # same in all logs. The index of a bus depends on the first frames of the log.
+        # If a message is on several buses, its channels would have equal names. All but
+        # the first in this loop receive a number (NAME#2), so the names depend on the
+        # order of the loop. The loop is sorted by the name of the bus (shorter names
+        # first, so 2 before 10). Then the names are the same in all logs. They would not
+        # be if the loop were sorted by the index of the bus, which depends on the first
+        # frames of the log.
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -224,11 +229,12 @@ class Bus:
     ) -> tuple[np.ndarray, np.ndarray | slice]:
         """Return the times [s] of the kept frames that contain a signal, and an index.
 
-        `frames`: numbers of the frames that contain the signal. `time`, `keep`: as in
-        channels(). `place`: for each frame of the log, its index in `time`; None: all
-        frames are kept. The returned index is applied to the values of the signal in
-        `frames`, and selects the values at the returned times. The index is a mask of the
-        kept frames, an order by time, or slice(None) for all values."""
+        The index selects from the values of the signal, one for each element of `frames`,
+        those values that belong to the returned times. It is one of three things: a mask,
+        if some frames are not kept; an order, if the times had to be sorted; slice(None),
+        if all values are used as they are. `frames`: numbers of the frames that contain
+        the signal. `time`, `keep`: as in channels(). `place`: for each frame of the log,
+        its index in `time`; None: all frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -284,9 +290,10 @@ def drop_codes(
 
 
 def make_key(identifier: Any, extended: Any) -> Any:
-    """Return the key of a message on the first bus.
+    """Return the key of a message, without the bits that state the bus.
 
-    An identifier of more than 11 bits is extended even if `extended` is False."""
+    So it is also the key of the message on the bus of index 0. An identifier of more than
+    11 bits is taken as extended even if `extended` is False."""
     identifier = identifier & IDENTIFIER_MASK
     return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
@@ -299,7 +306,7 @@ def _make_pattern(s: Any) -> tuple[object, ...]:
 def decode_signals(
     message: Any, signals: Sequence[Any], data: Sequence[bytes]
 ) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
-    """Decode the frames of a message.
+    """Decode the needed signals in frames of a message.
 
     Parameters
     ----------
@@ -313,7 +320,7 @@ def decode_signals(
     Yields
     ------
     signal
-        One of `signals`, if any frame contains it.
+        One of `signals`. Signals that no frame contains are skipped.
     ndarray of int, (entries,)
         Indices in `data` of the frames that contain the signal.
     ndarray, (entries,)
@@ -354,13 +361,13 @@ def _find_bits(s: Any) -> np.ndarray:
 def _find_last_byte(s: Any) -> int:
     """Return the number of bits before the last byte that a signal uses.
 
-    A frame that has more bits than this number contains at least a part of the last byte,
-    so it contains the whole signal."""
+    Frames consist of whole bytes. So a frame with more bits than this number contains the
+    last byte, and with it the whole signal."""
     return int(_find_bits(s).max() // 8 * 8)
 
 
 def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
-    """Return the values of one signal, (frames,). `raw`: do not apply scale and offset.
+    """Return the value of a signal in each frame. `raw`: do not apply scale and offset.
 
     Raises
     ------
@@ -434,7 +441,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
-                f"{path}: is damaged, or is not {what} in the usual form: {str(error)[:120]}"
+                f"{path}: is damaged, or has a different format than {what}: {str(error)[:120]}"
             ) from None
         notes.append(
             f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "

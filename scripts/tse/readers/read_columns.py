@@ -101,10 +101,11 @@ def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]
 
 
 def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
-    """Return a column that is read on demand.
+    """Return a column whose values are read from the file each time they are needed.
 
     `field` and `steps` are a field and its indices, as _flatten_fields() yields them.
-    `rows` is the number of rows of the table. `read` returns a column of the file."""
+    `rows` is the number of rows of the table. `read` is called with steps[0], the index
+    of the column in the file."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

@@ -15,8 +15,8 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import Channel, ReadOptions, Recording, check_rows, import_optional, list_names
 from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recording, split_unit, split_words
 
-# [bytes] unpacked size up to which a file of version 5 is read at once; the variables of
-# a larger file are read one by one
+# [bytes] unpacked size up to which a MAT file of version 5 is read at once; the variables
+# of a larger file are read one by one
 MAX_BYTES_AT_ONCE = 1 << 25
 # A matrix with more columns is skipped. Each column of any other matrix is a channel
 MAX_MATRIX_COLUMNS = 16
@@ -41,8 +41,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
     """Read vectors and columns of matrices as channels.
 
     The name of a channel is its path in the structs of the file, for example car.speed.
-    Its times are the time vector that has the same length. If several time vectors have
-    this length, the one that is nearest in the tree of structs is used."""
+    The times of a channel are the values of a time vector of the same length. If several
+    time vectors have this length, the one that is nearest in the tree of structs is used.
+    A vector without such a time vector is skipped."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
@@ -88,9 +89,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
         channels[plain] = Channel(plain, clocks[own], _load(v), unit if unit_kind(unit) != "time" else "")
     if not channels:
         raise UserError(
-            f"{path}: no vector is as long as a vector of times; vectors (length): "
+            f"{path}: no vector has the same length as a vector of times; vectors (length): "
             f"{list_names(f'{n} ({len(v)})' for n, v in vectors.items())}. Name "
-            'the time in signals.toml: [log] time = "NAME"'
+            'the vector of times in signals.toml: [log] time = "NAME"'
         )
     return Recording(path, "MAT", channels, notes)
 
@@ -109,9 +110,10 @@ def _strip_wrappers(name: str) -> str:
 
 
 def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bool:
-    """Return whether a vector has the name or unit of a time, and increases.
+    """Return whether a vector contains times.
 
-    More than 90 % of its steps must be 0 or positive, and at least one positive."""
+    Its name or its unit must be that of a time. In addition, more than 90 % of its steps
+    must be 0 or positive, and at least one step must be positive."""
     w = split_words(name.rpartition(".")[2])
     is_named = bool(w) and (w[-1] in TIME_WORDS or w[0] in TIME_WORDS)
     if not is_named and unit_kind(units.get(name, "")) != "time":
@@ -122,9 +124,10 @@ def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bo
 
 
 def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | LazyVector]) -> str | None:
-    """Return the time vector of this length that is nearest to `name`, or None.
+    """Return the name of the nearest time vector of this length, or None.
 
-    The distance is the number of steps in the tree of structs from `name` to the time
+    The result is None if no time vector has the length `length`. Nearest means the
+    smallest number of steps in the tree of structs from the vector `name` to the time
     vector."""
     fits = [t for t, v in times.items() if len(v) == length]
     path = name.split(".")
@@ -144,7 +147,8 @@ def _convert_time(
 ) -> np.ndarray:
     """Convert a time vector to s.
 
-    An unknown unit is guessed from the steps, see convert_to_seconds()."""
+    If its unit is unknown, convert_to_seconds() guesses the unit from the steps between
+    the times."""
     unit = how.time_unit or unit
     if unit and (per := unit_factor(unit, "s")) is not None:
         return v * per
@@ -156,9 +160,10 @@ def _convert_time(
 
 
 def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield paths and values of all vectors and strings in a file of version 5.
+    """Yield paths and values of all vectors and strings in a MAT file of version 5.
 
-    The names of MATLAB objects, which cannot be read, are added to `opaque`."""
+    The strings may be units of vectors. The names of MATLAB objects, which cannot be
+    read, are added to `opaque`."""
     import scipy.io
 
     arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
@@ -220,8 +225,9 @@ def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[
 def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
     """Yield a vector, or each column of a matrix, as floats.
 
-    A matrix with fewer rows than columns is transposed first. A matrix with more than
-    MAX_MATRIX_COLUMNS columns is skipped."""
+    A matrix with more columns than rows is transposed first, since it is taken as a
+    matrix with one channel per row. A matrix with more than MAX_MATRIX_COLUMNS channels
+    is skipped."""
     if value.dtype.kind not in "biuf":
         return
     value = np.squeeze(value)

@@ -69,8 +69,8 @@ def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tupl
 def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]) -> Any:
     """Return a decoder of the messages of a channel.
 
-    If encoding or schema is unknown, return None, and add the reason to `strange`, which
-    has topics as keys."""
+    If the encoding or the schema of the channel is unknown, return None, and add the
+    topic of the channel, with the reason, to `strange`."""
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads

@@ -53,16 +53,19 @@ def read(path: Path, how: ReadOptions) -> Recording:
         sys.unraisablehook = hook
     if damage:  # raised here, because inside the except block the error keeps asammdf's objects alive
         raise UserError(
-            f"{path}: is damaged or cut off: {damage}; blocks that describe its "
-            "content are missing: copy it again, or repair it by the tool of the recorder"
+            f"{path}: is damaged or cut off: {damage}; its content cannot be read: "
+            "copy it again, or repair it by the tool of the recorder"
         )
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# Links between the lists of blocks of MDF 4. Key: kind of a block. Value: for each link
-# of the block to a different list, the index of the link and the kinds of block to which
-# the link can lead. Link 0 is listed for HL only, where it leads to the first DL. In all
-# other blocks it leads to the next block of the same list
+# An MDF 4 file consists of blocks. A link in a block is the position of a different
+# block, or 0. Link 0 leads to the next block of the same kind, so that the blocks form a
+# list. Each of the other links leads to the first block of a different list. Key: kind of
+# a block. Value: for each link that leads to a different list and that is checked, the
+# index of the link and the kinds that the first block of this list can have. HL is the
+# only kind whose link 0 does not lead to a block of the same kind: it leads to the first
+# DL
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -72,9 +75,10 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# If a list of blocks of one of these kinds begins with a block of a different kind, the
-# file is damaged. For the other kinds this is allowed: where a list of data blocks (DL)
-# is expected, for instance, there may be a single data block (DT), which is not checked
+# Kinds of the lists in which even the first block must have the kind of the list; if it
+# has not, the file is damaged. For the other kinds, a link to a list may lead to a block
+# of a different kind, e.g. to a single data block (DT) instead of a list of data blocks
+# (DL). Such a block is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -132,19 +136,19 @@ def _is_finished(file: BinaryIO) -> bool:
     """Return whether the recorder has finished and closed a file.
 
     asammdf receives a finished file as an open file. If it received the path, it would
-    map the file into memory, and the mapped pages would count as memory of this process.
-    For an unfinished file asammdf must receive the path, because it copies the file and
-    completes the copy."""
+    map the file into memory, and the pages that it has read would count as memory of this
+    process, as if the whole file were loaded. For an unfinished file asammdf must receive
+    the path, because it copies the file and completes the copy."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished
 
 
 def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
-    """Return the needed channels.
+    """Return the channels that the options need, without frames of buses.
 
-    If several channels have the same name, each is named TITLE.NAME, with the title of
-    its channel group."""
+    If several channels have the same name, each is named TITLE.NAME, where TITLE is the
+    title of its channel group."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -176,9 +180,10 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
 
 
 def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
-    """Return the values of a channel as a Signal; None if they are not numbers.
+    """Return the samples of a channel in physical units, as a Signal of asammdf.
 
-    If the conversion to physical values gives strings, return the raw numbers."""
+    If the conversion to physical units gives strings, return the raw numbers. If the raw
+    values are not numbers, or there are no samples, return None."""
     for raw in (False, True):
         signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
         if len(signal.samples) and signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
@@ -211,9 +216,9 @@ def _decode_frames(
 ) -> dict[str, Channel]:
     """Return the signals in the frames of all buses, sorted by time.
 
-    `others`: whether the file also has channels that are not frames of a bus. If there is
-    no database for the frames, and `others` is True, the frames are skipped. If there is
-    no database, and `others` is False, UserError is raised."""
+    `others`: True if the file has channels besides the frames. It decides what happens if
+    there is no database for the frames. If `others` is True, the frames are skipped,
+    because the file is usable without them. If `others` is False, UserError is raised."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):

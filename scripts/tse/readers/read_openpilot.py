@@ -8,8 +8,9 @@ from typing import Any
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional
 
-# Services with signals of the car's motion. All other services (cameras, neural networks,
-# states of the software), which are most of a log, are skipped.
+# Services, i.e. kinds of messages in a log of openpilot, that have signals of the car's
+# motion. All other services (cameras, neural networks, states of the software), which
+# take most of a log, are skipped.
 SERVICES = (
     "carState",
     "accelerometer",

@@ -11,8 +11,8 @@ from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
 OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op`: kind of a record of a ROS 1 bag
-# [bytes] largest size of a record and of an unpacked chunk; the chunks that the tool
-# rosbag writes have 0.8 MB
+# [bytes] larger records, and chunks that are larger after unpacking, are taken as
+# damaged; the chunks that the tool rosbag writes have 0.8 MB
 MAX_RECORD_BYTES = 1 << 30
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 

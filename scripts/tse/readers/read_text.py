@@ -112,7 +112,9 @@ MAX_LONG_NAMES = 2000  # largest number of channels of a long table
 def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
     """Return the indices of the columns time, name, value and, if there is one, car.
 
-    For a table that is not long, but has one column per channel, return ()."""
+    These are the columns of a long table, in which each row has one value and the name of
+    its channel. For a table that is not long, i.e. has one column per channel, return
+    ()."""
     titles = [n.strip().lower() for n in names]
     name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (NAME_TITLE, VALUE_TITLE))
     value = [i for i in value if i not in name]
@@ -138,7 +140,9 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
     time = convert_to_seconds(path, Column(titles[0], columns[0]), notes, how)
     value, _ = convert_numbers(pd.to_numeric(columns[2], errors="coerce"))
     if value is None:
-        raise UserError(f"{path}: one value per row, but the column of values, {titles[2]}, has no numbers")
+        raise UserError(
+            f"{path}: has one value per row, but its column of values, {titles[2]}, has no numbers"
+        )
     name = columns[1].astype("string").str.strip()
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
@@ -252,8 +256,10 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # Prefer the separator that splits the lines into numbers. The comma counts less:
-        # it may be a decimal sign, and as a separator it would cut each number in two
+        # Prefer the separator that splits the lines into numbers. Give the comma a lower
+        # weight (factor 0.9), because it may be the decimal sign of a file with a
+        # different separator. As a separator, it would then split each number into two
+        # numbers
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         several = width > 1
         value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
@@ -285,7 +291,7 @@ def _is_data(cell: str) -> bool:
 def _find_layout(
     path: Path, cells: list[list[str]], how: ReadOptions, separator: str
 ) -> tuple[int | None, list[str] | None, int]:
-    """Find the lines of names, units and data.
+    """Find the lines with the names of the columns, with their units, and with data.
 
     Returns
     -------
@@ -315,8 +321,8 @@ def _find_layout(
     if how.header is not None:
         if not 1 <= how.header <= len(cells):
             raise UserError(
-                f"{path}: [log] header = {how.header}: the number of the line with the names; "
-                f"allowed: 1 .. {len(cells)}"
+                f"{path}: [log] header = {how.header} is out of range: it is the number of the line with the "
+                f"names; allowed: 1 .. {len(cells)}"
             )
         header = how.header - 1
         first = max(first, header + 1)
@@ -332,12 +338,13 @@ def _find_layout(
 
 
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
-    """Return the row of the names among the rows directly above the data.
+    """Return the index of the row of the names among the rows directly above the data.
 
-    Between names and data there may be a row of units and a row with the source of each
-    channel. Several channels have the same source, but hardly the same name. So the row
-    of the names is the one with the most different cells, or the last of several such
-    rows. `full`: indices of the rows above the data with as many cells as the data."""
+    Between the names and the data there may be a row of units and a row with the source
+    of each channel. A row of units is recognised by its cells. Several channels have the
+    same source, but hardly the same name, so the row of the names is the one with the
+    most different cells. If several rows have equally many, the last of them is taken.
+    `full`: indices of the rows above the data with as many cells as the data."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]

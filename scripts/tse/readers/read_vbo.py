@@ -24,8 +24,8 @@ from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unp
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
 MAX_HEAD_BYTES = 1 << 20  # largest number of characters before section [data]
-# Short name of each column that the GNSS receiver measures -> unit in a Recording. The
-# units of all other columns are in section [channel units].
+# Short name of each column that the GNSS receiver measures -> unit of the values that
+# read() returns for it. The units of all other columns are in section [channel units].
 RECEIVER_UNITS = {
     "sats": "1",
     "time": "",
@@ -157,13 +157,15 @@ def _shorten_title(title: str) -> str:
 def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
     """Return the unit of each column.
 
-    Columns of the receiver have the units in RECEIVER_UNITS, unless their title in
-    [header] states a different unit, as "velocity mph". The units of all other columns
-    are in section [channel units]. Its lines are assigned to the columns of the file from
-    the end: the last line has the unit of the last column, the last line but one has the
-    unit of the last column but one, and so on. A line that is thus assigned to a column
-    of the receiver is ignored. Surplus blank lines at the end of the section are removed
-    first."""
+    Columns of the receiver have the units in RECEIVER_UNITS. Only the title of a speed in
+    [header] may state a different unit, as "velocity mph". The units of all other columns
+    are in section [channel units]. This section has one line for each column of the file,
+    or only for the last ones. So its lines are assigned to the columns from the end: the
+    last line has the unit of the last column, the last line but one has the unit of the
+    last column but one, and so on. A line that is thus assigned to a column of the
+    receiver is ignored. Blank lines at the end of the section that are not units are
+    removed before. If a column has no unit then, its unit is searched in its title and in
+    its name."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):

@@ -109,8 +109,8 @@ def choose_reader(path: Path) -> str:
 
 GZIP = b"\x1f\x8b"  # first bytes of a gzip file
 MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking up to which every gzip file is read
-# largest allowed ratio of unpacked to packed size, if the unpacked size is above
-# MIN_UNPACKED_LIMIT
+# Largest allowed ratio of unpacked to packed size. A gzip file is refused if its content
+# exceeds this ratio and MIN_UNPACKED_LIMIT: it may be crafted to fill the disk
 MAX_UNPACKED_RATIO = 40
 
 
@@ -154,7 +154,7 @@ def unpack_log(path: Path) -> Iterator[Path]:
                         raise UserError(
                             f"{path}: is larger than {room >> 20:,} MB after unpacking; allowed: "
                             f"{MAX_UNPACKED_RATIO} times the packed size, at least "
-                            f"{MIN_UNPACKED_LIMIT >> 20} MB: if it is a log, unpack it first"
+                            f"{MIN_UNPACKED_LIMIT >> 20} MB; if it is a log, unpack it by gunzip first"
                         )
                     target.write(part)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
@@ -204,14 +204,14 @@ def _read_plain(path: Path, how: ReadOptions | None) -> Recording:
         raise
     except MemoryError:
         raise UserError(
-            f"{path}: reading takes more memory than the machine has: the file is damaged, crafted to "
-            "exhaust memory, or a very long log: cut a long log into drives"
+            f"{path}: reading takes more memory than the machine has: cut a long log into drives; if the log "
+            "is short, it is damaged, or crafted to exhaust memory"
         ) from None
     except Exception as error:  # in most cases the file is damaged
         said = f"{type(error).__name__}: {str(error)[:120]}"
         raise UserError(
             f"{path}: cannot be read ({said}): it is damaged, or of an unknown variant of its format; "
-            "if another program reads it, please report it"
+            "if a different program can read it, please report it to the authors of tse"
         ) from error
     if not any(len(c) for c in found) and (how is None or how.wanted is None):
         raise UserError(f"{path}: has no channel with numbers in it")

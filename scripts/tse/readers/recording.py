@@ -89,8 +89,9 @@ class Recording:
     def find(self, name: str, source: str) -> Channel:
         """Return the channel of this name.
 
-        A name without message or topic is sufficient if only one channel has it. Error
-        messages begin with `source`, the setting or option that requests the channel."""
+        The message or topic may be omitted from the name if only one channel then
+        matches. Error messages begin with `source`, the setting or option that requests
+        the channel."""
         if name in self.channels:
             return self.channels[name]
         alike = [c for c in self if c.short == name or c.name.endswith((f".{name}", f"/{name}"))]
@@ -116,10 +117,10 @@ class Recording:
         """Return the recording with times that begin near 0.
 
         If the time of the first sample is 1e6 s or later, the times are taken as counted
-        from 1970. In this case the whole seconds of the first time are subtracted from
-        all times and added to `start`. Otherwise the times are unchanged. No accuracy is
-        lost before the subtraction: a double stores a present time since 1970 with an
-        error below a microsecond."""
+        from 1970. Then the whole seconds of the first time are subtracted from all times
+        and added to `start`. Otherwise the times are unchanged. Up to here, the readers
+        store times since 1970 as doubles, with a rounding error below a microsecond, so
+        no accuracy is lost."""
         first = [
             float(c.time[i])
             for c in self
@@ -153,9 +154,11 @@ class Growing:
         self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
 
     def set(self, place: int, value: float) -> None:
-        """Set the value at index `place`, which is the last index or a larger one.
+        """Set the value at index `place`, which must not be below the last index.
 
-        If it is larger, the value is appended, and values in between are NaN."""
+        If `place` is the last index, the value replaces the last value. If `place` is
+        larger, the column is extended up to this index, and the values in between are
+        NaN."""
         self.pad(place)
         if place == len(self):
             self._values.append(value)
@@ -167,16 +170,19 @@ class Growing:
         self._values.extend([np.nan] * (length - len(self)))
 
     def array(self) -> np.ndarray:
-        """Return the column as an array. The array uses the memory of the column, so no
-        value can be appended afterwards."""
+        """Return the column as an array that shares the memory of the column.
+
+        Afterwards, no value can be appended, because Python refuses to resize shared
+        memory."""
         return np.frombuffer(self._values) if self._values else np.zeros(0)
 
 
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] size that each item takes at least in a file. Items: a value of a signal, a row
-# of a table, a frame of a bus, a message
+# [bytes] size that each item takes at least in a file; check_rows() derives from it how
+# many items a file can have. Items: a value of a signal, a row of a table, a frame of a
+# bus, a message
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
 BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
@@ -193,8 +199,10 @@ def measure_size(path: Path) -> int:
 def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -> None:
     """Refuse more rows than a file of this size can contain.
 
-    Call it before the rows are unpacked. `what` is the name of the table in the error
-    message. `each` is the least number of bytes that a row takes in the file."""
+    A damaged or crafted file may state any number of rows. So call this function before
+    the rows are unpacked into memory. The limit is the size of the file divided by
+    `each`, the least number of bytes that a row takes in the file, but at least
+    ALWAYS_ALLOWED_ROWS. `what` is the name of the table in the error message."""
     limit = ALWAYS_ALLOWED_ROWS
     if rows > limit:
         limit = max(limit, measure_size(path) // each)
@@ -240,17 +248,17 @@ def check_table_width(path: Path, names: Collection[str]) -> None:
 
 @contextmanager
 def limit_memory(path: Path) -> Iterator[None]:
-    """Limit the memory of the process while it reads a file.
+    """Limit the memory that the process may take in addition while it reads a file.
 
-    The limit acts on Linux only, and only if the environment variable
-    MEMORY_LIMIT_VARIABLE is set. The command tselab sets it for itself and its workers.
-    Other programs that import tse do not, because the limit would restrict their own
-    memory, too.
+    The limit is BASE_MEMORY plus MEMORY_PER_BYTE for each byte of the file. It acts on
+    Linux only, and only if the environment variable MEMORY_LIMIT_VARIABLE is set. The
+    command tselab sets it for itself and its workers. Other programs that import tse do
+    not, because the limit applies to the whole program.
 
     Raises
     ------
     UserError
-        Reading takes more memory than the size of the file allows.
+        Reading takes more memory than the limit.
     """
     taken = _read_data_size() if MEMORY_LIMIT_VARIABLE in os.environ and path.exists() else None
     if taken is None:
@@ -265,7 +273,7 @@ def limit_memory(path: Path) -> Iterator[None]:
     except MemoryError:
         raise UserError(
             f"{path}: reading takes more than {room / 2**30:.1f} GB of memory, the limit for its size: "
-            "the file is damaged, crafted to exhaust memory, or a very long log: cut a long log into drives"
+            "cut a long log into drives; if the log is short, it is damaged, or crafted to exhaust memory"
         ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
@@ -278,7 +286,8 @@ READ_TIME_PER_MB = 3.0  # [s] additional processor time that reading may take fo
 class _TookLong(BaseException):
     """Interrupts a reader that exceeds its time.
 
-    It derives from BaseException, because parsers of other packages catch Exception."""
+    It derives from BaseException, because parsers of other packages catch Exception and
+    would then continue."""
 
 
 @contextmanager
@@ -298,10 +307,11 @@ def limit_time(path: Path) -> Iterator[None]:
 
     Notes
     -----
-    In the main thread, a signal interrupts the reader. In any other thread, and on
-    Windows, a second thread interrupts it. The second thread cannot interrupt compiled
-    code until this code returns to Python. If calls of limit_time() are nested, only the
-    outermost one sets a limit.
+    In the main thread, a signal of the operating system interrupts the reader. In any
+    other thread, and on Windows, a second thread raises _TookLong in the thread of the
+    reader. While the reader runs compiled code, the exception waits until the code
+    returns to Python. If calls of limit_time() are nested, only the outermost one sets a
+    limit.
     """
     limit = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     is_main = threading.current_thread() is threading.main_thread()
@@ -380,9 +390,10 @@ def _watch_thread(path: Path, limit: float) -> Iterator[None]:
 
 
 def _release_frames(error: BaseException) -> None:
-    """Release the objects of an interrupted reader, which `error` keeps in memory.
+    """Release the objects of an interrupted reader.
 
-    Messages of their methods __del__() are suppressed."""
+    The traceback of `error` refers to them, so they would stay in memory as long as
+    `error`. Messages that their methods __del__() print meanwhile are suppressed."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
@@ -394,8 +405,9 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# Python's own limit of the length of a cell is set above the length of any line that is
-# read, because the whole line is a single cell while a wrong separator is tried
+# Python's module csv refuses cells above a limit of its own. While a wrong separator is
+# tried, a whole line may be a single cell. So this limit is set above the length of any
+# line that is read
 csv.field_size_limit(1 << 22)
 
 
@@ -415,7 +427,8 @@ def split_cells(
     blanks : bool
         Skip blanks after the separator.
     tried : bool
-        True: the separator is a guess that is being tested, so long cells are accepted.
+        True: the separator is only tried. Long cells are no error then, because a wrong
+        separator leaves the whole line as a single cell.
 
     Returns
     -------
@@ -504,7 +517,8 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
     module : str
         Module to import.
     extra : str
-        Name of the extra (list of optional packages) in pyproject.toml that installs it.
+        Extra of tse that installs the package, for the error message. An extra is a list
+        of optional packages in pyproject.toml, e.g. ros in pip install 'tse[ros]'.
     what : str
         The file that needs the package, for the error message.
 
@@ -528,8 +542,9 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
 
 # ---- Messages of ROS, MCAP, JSON and Cap'n Proto: one channel for each field.
 
-# Length of the longest array whose elements become channels. An array with one element
-# per wheel is shorter; an image or the covariance matrix of a pose is longer
+# Length of the longest array whose elements become channels. A longer array is skipped.
+# An array with one element per wheel has at most this length; an image or the covariance
+# matrix of a pose is longer
 MAX_ARRAY_CHANNELS = 12
 MAX_MESSAGE_DEPTH = 8  # levels of nested fields that are read
 # Name of a field, e.g. linear_acceleration -> unit of the fields in it, e.g.
@@ -567,7 +582,8 @@ def flatten_message(message: Any, at: str = "", depth: int = 0) -> Iterator[tupl
 def read_stamp(message: Any) -> float | None:
     """Return the time of measurement [s] in the header of a ROS message.
 
-    If the message has no such header, or its seconds are 0, return None."""
+    If the message has no header with a time, or the seconds of the time are 0 because it
+    was not set, return None."""
     header = message.get("header") if isinstance(message, dict) else getattr(message, "header", None)
     s = header.get("stamp") if isinstance(header, dict) else getattr(header, "stamp", None)
     if s is None:
