@@ -147,7 +147,8 @@ def test_what_is_written_is_read_again(tmp_path):
         (
             "10,0.04",
             "10,two",
-            "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad, or empty",
+            "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad; bank, grade and their "
+            "sd may be empty",
         ),
         ("20,-0.03", "10,-0.03", "line 4, column distance: 10 m is not greater than 10 m in the row before"),
         ("10,0.04", ",0.04", "line 3, column distance: is empty"),
@@ -297,16 +298,14 @@ def test_another_road_is_refused(change):
     s, bend = make_winding_road(2500.0, 17)
     other = {"another": make_winding_road(2500.0, 18)[1], "mirrored": -bend, "backwards": -bend[::-1]}[change]
     with pytest.raises(
-        UserError, match="drive 1: cannot be aligned with road: its bends match those of the road nowhere"
+        UserError, match="drive 1: cannot be aligned with road: the bends of the log match those of the road"
     ):
         match_log(make_plain_road(s, bend), simulate_drive(s, other)[0], CAR)
 
 
 def test_a_straight_road_says_that_it_shows_no_place():
     s = np.arange(0.0, 2000.0, 10.0)
-    with pytest.raises(
-        UserError, match="turns by less than 1 rad, so places on it can only be found with GNSS"
-    ):
+    with pytest.raises(UserError, match="turns by less than 1 rad, too little to find places by the bends"):
         match_log(make_plain_road(s, 0 * s), simulate_drive(*make_winding_road(1500.0, 19))[0], CAR)
 
 
@@ -314,7 +313,7 @@ def test_bends_that_repeat_say_that_they_show_no_place():
     """The road is a slalom: 20 m to each side and back, twenty times over 2 km."""
     s = np.arange(0.0, 2001.0)
     bend = 0.01 * np.sin(2 * np.pi * s / 100)
-    with pytest.raises(UserError, match="its bends match several parts of the road, as in a slalom"):
+    with pytest.raises(UserError, match="bends of the log match several parts of the road, as in a slalom"):
         match_log(make_plain_road(s, bend), simulate_drive(s, bend, 300.0, 1800.0)[0], CAR)
 
 

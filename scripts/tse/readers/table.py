@@ -27,11 +27,13 @@ TIME_WORDS = (
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
 MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
-# If the unit of a time column is unknown, it follows from the median step between rows, a
-# number without unit. Each entry is: limit, unit, length of the unit [s]. The first entry
-# whose limit is at least the median step gives the unit. The usual step of a log is 1 ms
-# to 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The limits of ms
-# and us are twice as large, so that a step up to 2 s is accepted.
+# If the unit of a time column is unknown, it is guessed from the median step between
+# rows, a number without unit. Each entry is: limit, unit, length of the unit [s]. The
+# first entry whose limit is at least the median step gives the unit. The usual step of a
+# log is 1 ms to 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The
+# limit of ms is 2000 instead of 1000 and that of us 2e6 instead of 1e6, so that logs with
+# a step up to 2 s are recognised as well. The limit of s stays 1, because a step of 1 to
+# 2 may be 1 to 2 ms.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
@@ -66,20 +68,22 @@ def _are_dates(x: pd.Series | np.ndarray) -> bool:
 def make_recording(
     path: Path, format_: str, columns: Sequence[Column], how: ReadOptions, notes: Sequence[str] = ()
 ) -> Recording:
-    """Return the columns of a table as channels.
+    """Return a table as a recording, with a channel for each column except the time.
 
     Parameters
     ----------
     path : Path
         The file, for error messages.
     format_ : str
-        Name of its format.
+        Name of the file's format.
     columns : sequence of Column
         All columns.
     how : ReadOptions
-        Options: time column and its unit, step, needed names.
+        Options: name and unit of the time column, step between rows if there is no time
+        column, and which channels are needed.
     notes : sequence of str
-        Notes of the reader.
+        Notes for the user that the reader of the format has already written. The notes of
+        this function are appended.
 
     Raises
     ------
@@ -242,7 +246,8 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     notes : list of str
         Receives a note if the unit is guessed.
     how : ReadOptions, optional
-        Options: the unit of the time. None: it follows from the column.
+        Options: time_unit is the unit of the time. If it is None, the unit is taken from
+        the column's unit or name, or guessed from the median step (TICK_UNITS).
 
     Raises
     ------
@@ -286,12 +291,14 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
 
 # Limits of correct_time_units(). A group is the channels that share one array of times.
 
-# Max median step of the times of a group that are taken as s. If the step is longer, the
-# times may be in ms, us or ns
+# Max median step between the times of a group (channels that share one array of times)
+# that are in s. If the median step is larger, the times are probably in ms, us or ns
 MAX_GROUP_STEP = 2.0
 MIN_GROUP_ENTRIES = 100  # a group with fewer times is ignored when the unit is guessed
-# Max relative difference of the duration of a group from the duration of the groups in s.
-# If a conversion from ms, us or ns leads to a larger difference, the unit is wrong
+# Max relative difference between two durations (last time - first time): that of a group
+# (channels that share one array of times) after a conversion from ms, us or ns to s, and
+# the median duration of the groups that are in s. All groups of a log last about equally
+# long, so a larger difference shows that the times of the group are not in this unit
 DURATION_TOLERANCE = 0.03
 
 
@@ -303,9 +310,10 @@ def correct_time_units(
     Some recorders write other units nevertheless. A group is the channels that share one
     array of times. If the median step of a group is above 2 (MAX_GROUP_STEP), its times
     are probably not in s, because logs have a row at least every 2 s. If all groups have
-    such a step, all times are taken as ms, us or ns. If only some groups have such a
-    step, a group of these is converted if it lasts 1000 times (or 1e6 or 1e9 times) as
-    long as the groups in s.
+    such a step, all times are taken as ms, us or ns: the shortest of the median steps
+    decides which (TICK_UNITS). If only some groups have such a step, a group of these is
+    converted if it lasts 1000 times (or 1e6 or 1e9 times) as long as the groups in s.
+    Otherwise its times stay as they are.
 
     Parameters
     ----------
@@ -336,10 +344,11 @@ def correct_time_units(
 def _guess_units(
     times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
 ) -> dict[int, float]:
-    """Guess which times are not in s. Return the length [s] of the unit of each of these.
+    """Guess which arrays of times are not in s, and return the lengths [s] of their
+    units.
 
-    Keys of `times` and of the result: id() of an array of times. An array that is not in
-    the result is in s."""
+    The keys of `times` and of the result are id() of an array of times. The value for an
+    array in ms is 0.001. An array without a value in the result is in s."""
     steps = {
         i: float(np.median(d[d > 0]))
         for i, t in times.items()

@@ -24,9 +24,10 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 THIN_ROWS = 1 << 18  # number of rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# The estimated noise of a channel is drawn only if its ratio to the setting of the noise
-# of this channel exceeds this limit. The limit is above 1, because steps of steering and
-# torque raise the ratio even if the setting is correct.
+# Limit of the ratio: estimated noise sd of a channel / noise sd in the settings. The
+# ratios are drawn only if that of at least one channel exceeds this limit. The limit is
+# above 1, because steps of steering and torque raise the estimate even if the setting is
+# correct.
 MAX_NOISE_RATIO = 1.4
 NOISE_SETTLING_TIME = 2.0  # [s] the estimate of the noise is not usable before this time
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
@@ -38,8 +39,9 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-# Max number of labels in a plot. Labels mark changes of the road and intervals of a fault
-# or of sliding. If there are more changes than labels, each further change is marked by a
+# Max number of labels in a plot. Labels mark the detected changes of the stiffness (new
+# road surface or tyres) and the intervals in which a sensor was at fault or the wheels
+# slid. If there are more changes than labels, the least probable changes are marked by a
 # line without a label
 MAX_LABELS = 16
 # Max number of shaded intervals in a plot. If there are more, those with the shortest
@@ -120,14 +122,16 @@ def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Name of a reference column in common loggers -> quantity. Other reference columns are
-# named ref_<quantity> or ref_<quantity>_<any suffix>.
+# Names of reference columns in common loggers -> quantity. A reference column is a column
+# of the log that no filter uses: it has the values of a more accurate sensor or of the
+# simulator, and is drawn beside the estimate of its quantity. All other reference columns
+# are named ref_<quantity> or ref_<quantity>_<any suffix>.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity in whose plot a reference column is drawn; None if the column
-    matches no quantity."""
+    """Return the quantity in whose plot a reference column (ALIASES) is drawn. Return
+    None if the name of the column matches no quantity."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -142,8 +146,9 @@ def match_reference(column: str) -> str | None:
 
 
 def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return the min and the max of every `stride` values, in the order in which they
-    occur, so that peaks are kept. `y` is a line, or a matrix with a line in each row."""
+    """Thin lines such that peaks are kept: for each block of `stride` consecutive values,
+    return its min and its max, in the order in which they occur. `y` is a line, or a
+    matrix with a line in each row."""
     if stride == 1:
         return y
     missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
@@ -157,8 +162,11 @@ def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return, for each value that thin_rows() returns, the index of a row. The value is
-    drawn at the time of this row."""
+    """Return the rows at whose times the values of thin_rows() are drawn.
+
+    For each block of `stride` rows, thin_rows() returns two values. The first is drawn at
+    the time of the first row of the block, the second at the time of its middle row. So
+    the times are evenly spaced, and a peak is displaced by at most one block."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
@@ -188,11 +196,13 @@ def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tupl
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return for every `stride` rows the index of the row with the min of `y`.
+    """Return for each block of `stride` rows the index of the row with the min of `y`.
 
-    The indices are used for lines whose values at a point must come from the same row,
-    such as probabilities with the sum 1. Each index is returned twice, because
-    thin_rows() returns two values for every `stride` rows, too.
+    thin_rows() may take the min and the max of each line from different rows. This is
+    wrong for the probabilities of the regimes, whose sum must be 1 at each drawn point.
+    They are all drawn from the row of the block in which the probability of the regime
+    "steady" (`y`) is lowest, so that short events are kept. Each index is returned twice,
+    because thin_rows() returns two values for each block.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -202,8 +212,9 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def find_block_stride(rows: int) -> int:
-    """Return the stride for a log with this number of rows. It is a power of two, so that
-    the number of rows of a block (BLOCK) is a multiple of it."""
+    """Return the stride of thin_rows() for a log with this number of rows. The stride is
+    a power of two, so that the number of rows of a block of estimates (BLOCK) is a
+    multiple of the stride."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
@@ -310,7 +321,8 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
     For a column x with an interval, the lines x_low and x_high are the ends of the 95 %
     interval. For a stiffness x, the line x_valid has the valid values, and x_other has
     the values that are not valid. x_spread_low is x - 1.96 * spread, and x_spread_high is
-    x + 1.96 * spread. The spread is the sd of the stiffness from sample to sample."""
+    x + 1.96 * spread. The spread (column x_spread of EST.csv) is the sd with which the
+    stiffness in single samples scatters about its mean x."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -478,13 +490,17 @@ def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarra
 def draw_stiffness(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Return the figure of the stiffnesses: means, 95 % intervals, and with a particle
-    filter also the spread (sd of the stiffness from sample to sample).
+    """Return the figure of the stiffnesses: means and their 95 % intervals.
 
-    Means that are not valid are grey. When the mouse is over a grey point, the reason is
-    shown.
-    Below the stiffnesses, the probabilities of the regimes are drawn if the estimates
-    have them. `table` needs the columns of SUMMARY."""
+    The paper's filter (a particle filter) estimates how much the stiffness of single
+    samples scatters about the mean. For this filter, the interval with 95 % of the
+    samples is drawn as well.
+
+    Means that are not valid are grey. When the mouse is over a point, its value and the
+    reason why it is not valid are shown.
+
+    If the estimates have probabilities of the regimes (steady, changed, fault ...), they
+    are drawn in a plot below the stiffnesses. `table` needs the columns of SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)
@@ -573,9 +589,11 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
 
 
 def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
-    """Draw a vertical line through all plots at each change. In the plot `row`, label the
-    MAX_LABELS most probable changes. If labels are left, label the longest of `spells`,
-    which are intervals of a fault or of sliding."""
+    """Draw a vertical line through all plots at the time of each change of the stiffness.
+
+    In the plot with the number `row`, label the most probable changes, at most
+    MAX_LABELS. If there are fewer changes, use the remaining labels for the longest of
+    `spells`, the intervals in which a sensor was at fault or the wheels slid."""
     figure.layout["shapes"] += [
         {
             "type": "line",
@@ -612,7 +630,8 @@ def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Seq
 
 def draw_states(d: Data, grip: bool = False) -> Figure:
     """Return the figure of the states: estimates with 95 % intervals, reference columns,
-    and the measured yaw rate. If `grip` is True, the grip is drawn, too."""
+    and the measured yaw rate. If `grip` is True, add a plot of the estimated friction
+    coefficient (column GRIP)."""
     rows = [
         ("vel_x", "Longitudinal velocity [m/s]"),
         ("vel_y", "Lateral velocity [m/s]"),
@@ -689,13 +708,13 @@ UNEXPLAINED = (
 
 def draw_health(d: Data) -> Figure:
     """Return the figure that shows whether the filter works well: biases, log-likelihood,
-    normalised innovations squared (with a particle filter, the effective number of
-    particles), and status.
+    normalised innovations squared, and status. For a particle filter, the effective
+    number of particles is drawn in place of the normalised innovations squared.
 
-    The estimated noise of the channels is drawn only if the ratio of the estimate to the
-    setting of the noise exceeds MAX_NOISE_RATIO for at least one channel.
-    The model discrepancy and the lag of the steering angle are drawn only if the
-    estimates have them."""
+    The ratio of the estimated noise sd to the noise sd in the settings is drawn only if
+    it exceeds MAX_NOISE_RATIO for at least one channel. The model discrepancy and the
+    delay of the steering angle relative to the IMU are drawn only if the estimates have
+    them."""
     particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
@@ -760,8 +779,8 @@ def draw_health(d: Data) -> Figure:
 
 
 def draw_other_references(d: Data) -> Figure | None:
-    """Return the figure of the reference columns that match no estimated quantity. Return
-    None if there is no such column."""
+    """Return the figure of the reference columns whose names match no quantity of the
+    other figures (match_reference()). Return None if there is no such column."""
     names = d.references(None)
     if not names:
         return None

@@ -23,8 +23,9 @@ USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; code 2 is used for bad input
 CODES: dict[int, Usable] = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # level of a verdict -> column "usable"
 KILO = 1000.0  # factor from kN and kN/rad, the units of verdicts, to N and N/rad
-# Column of the table of results -> pandas type. The table has a row for each pair of
-# stretch of road and stiffness.
+# Column of the table of results -> pandas type. The table has a row for each stiffness on
+# each stretch of road. A stretch of road is the part of a drive from one detected change
+# of the stiffness to the next.
 ESTIMATE_COLUMNS: dict[str, str] = {
     "log": "string",
     "stretch": "Int64",
@@ -55,8 +56,11 @@ ESTIMATE_COLUMNS: dict[str, str] = {
 
 
 def choose_exit_code(found: Sequence[Finding]) -> int:
-    """Return USABLE if every stiffness has the level "good" on at least one stretch of
-    road, NOTHING if all have the level "none" on all stretches, otherwise IN_PART."""
+    """Return the exit code that states how far the stiffnesses of a run are usable.
+
+    Verdict.level is good, partly or none. Return USABLE if every stiffness has the level
+    "good" on at least one stretch of road, NOTHING if every stiffness has the level
+    "none" on all stretches, otherwise IN_PART."""
     best: dict[str, str] = {}
     for v in (v for f in found for v in f.verdicts):
         best[v.key] = min(best.get(v.key, v.level), v.level, key=list(LEVELS).index)
@@ -72,8 +76,8 @@ def make_rows(
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
     """Return the rows of the table of results. Each row is a dict with the keys of
-    ESTIMATE_COLUMNS. A change of the road is reported in the rows of the stretch after
-    the change."""
+    ESTIMATE_COLUMNS. A detected change of the stiffness, e.g. on a different road
+    surface, is reported in the rows of the stretch that begins with the change."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -139,8 +143,8 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the results of a run as a dict for JSON. It also has the entries of `said`,
-    such as vehicle, notes and files."""
+    """Return the results of a run as a dict for JSON. `said` has further entries of the
+    dict, such as vehicle, notes and files."""
     changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
@@ -222,8 +226,8 @@ def list_run_facts(
 ) -> list[tuple[str, str]]:
     """Return the facts of a run as (name, value): log, vehicle, filter, latencies ...
 
-    `stride` is plots.Data.stride. If it is above 1, a fact states that the plots are
-    thinned."""
+    `stride` is plots.Data.stride. If it is above 1, the plots do not show all rows, and a
+    fact states that they show the min and max of every `stride` rows."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
     every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""

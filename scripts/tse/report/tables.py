@@ -86,11 +86,13 @@ def sim_settings_table() -> str:
 
 
 def example_vehicle() -> str:
-    """Return a commented vehicle file to edit.
+    """Return an example of a vehicle file, with a comment on each key, for users to edit.
 
-    Required keys have the values of the built-in car. The other keys are commented out: a
-    user who left them unchanged would get wrong estimates from the sensors and
-    stiffnesses of a different car, and too narrow intervals from sds of 0."""
+    The required keys have the values of the built-in car. The lines of all other keys are
+    commented out: their values are examples and do not hold for the user's car. If these
+    lines were active and a user left them unchanged, the sensors and stiffnesses of a
+    different car would cause wrong estimates. As comments they have no effect, and a run
+    takes the values of an ordinary car, whose sds allow for their error."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]

@@ -1,6 +1,8 @@
 """Read and write road.csv: the profile of a road, i.e. bank and grade at distances.
 
-A row of road.csv is a place on the road. An empty cell means unknown. Columns:
+A row of road.csv describes a point of the road, here called a place. An empty cell of
+bank, grade, bank_sd or grade_sd means unknown. Other columns have no empty cells.
+Columns:
 
 distance             m, along the road, increasing
 bank                 rad, > 0 if the left side is higher, -0.35 .. 0.35
@@ -8,7 +10,7 @@ grade                rad, > 0 uphill, -0.35 .. 0.35
 bank_sd              rad, standard deviation of bank, 0 .. 0.35
 grade_sd             rad, standard deviation of grade, 0 .. 0.35
 x, y                 m, path in a level frame with any origin; both or none
-latitude, longitude  deg, the same path; both or none
+latitude, longitude  deg, the path in geographic coordinates; both or none
 curvature            1/m, of the path, > 0 to the left; default: computed from the path
 closed               1: a circuit, whose last row is the same place as the first; 0: open
 
@@ -49,24 +51,26 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
-# [m] distance between the two places from which the derivative of a profile is computed.
-# It is much less than the 40 m between the knots of a fitted profile, so that both places
-# usually lie between the same two knots, where the profile is linear.
+# [m] distance between the two places on the road from whose values the derivative of bank
+# or grade with respect to distance is computed. A profile that was fitted to logs has
+# knots 40 m apart and is linear between them. The distance is much shorter, so that both
+# places usually lie between the same two knots, where the derivative is constant.
 SLOPE_DISTANCE = 5.0
-# [m] sd of the Gaussian window that smooths curvatures. It is half the distance over
-# which a car turns into a bend.
+# [m] sd of the Gaussian window that smooths the curvatures of log and road before they
+# are compared. A car needs about 15 m to turn from a straight into a bend. The value is
+# half of this, so that the shape of bends is kept.
 SMOOTH_DISTANCE = 7.5
 
 
 @dataclass(frozen=True)
 class Road:
-    """The profile of a road, over n places.
+    """The profile of a road, i.e. bank and grade at n points of the road, called places.
 
     Parameters
     ----------
     distance
-        (n,) [m] increasing. In a circuit, the last place is the same as the first, one
-        round later.
+        (n,) [m] distance of each place along the road, increasing. In a circuit, the last
+        place is the same point as the first, one round later.
     bank, grade
         (n,) rad; bank > 0 if the left side is higher, grade > 0 uphill. NaN: unknown.
     bank_sd, grade_sd
@@ -143,12 +147,14 @@ class Road:
         name
             bank, grade, bank_sd, grade_sd, curvature, x or y.
         distance
-            (m,) [m] distances along the road. In a circuit, the distance may keep
-            increasing from round to round. NaN: not on the road.
+            (m,) [m] distances along the road at which the column is interpolated. In a
+            circuit, they may keep increasing from round to round. NaN: a place that is
+            not on the road.
 
         Returns
         -------
-        (m,) values. NaN: the place is not on the road, or the value is unknown.
+        (m,) values. NaN: the distance is NaN, or lies before the beginning or after the
+        end of an open road, or the value is unknown there.
         """
         s = np.asarray(distance, float)
         if self.is_closed:
@@ -159,8 +165,8 @@ class Road:
     def compute_slope(self, name: str, distance: Array) -> Array:
         """Return the derivative of a column with respect to distance, per m.
 
-        Parameters as in interpolate(). The derivative is the mean over the last
-        SLOPE_DISTANCE before each place."""
+        Parameters as in interpolate(). The derivative at a distance is the mean
+        derivative over the SLOPE_DISTANCE before it."""
         return (
             self.interpolate(name, distance) - self.interpolate(name, distance - SLOPE_DISTANCE)
         ) / SLOPE_DISTANCE
@@ -178,8 +184,10 @@ class Road:
         distance
             (k,) [m] increasing distances of the knots along this road.
         bank, grade, bank_sd, grade_sd
-            (k,) rad, values at the knots. None: unknown. The profile of an open road is
-            unknown before the first and after the last knot.
+            (k,) rad, values at the knots. None: unknown on the whole road. The profile of
+            an open road is unknown before the first and after the last knot. In a
+            circuit, it is interpolated from the last knot to the first one of the next
+            round.
         """
         period = self.length if self.is_closed else None
         made = {}
@@ -205,10 +213,11 @@ def make_road(
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
     """Convert latitude and longitude [deg] to distances [m] east and north of an origin.
 
-    `origin`: latitude and longitude, deg. The projection is equirectangular. At places
-    within 10 km of the origin, and at a latitude of 60 deg, the error of the projection
-    is up to 5 m. The error of a place is the same in all laps, so the error does not
-    affect the matching.
+    `origin`: latitude and longitude, deg. The projection is equirectangular. For places
+    within 10 km of an origin at a latitude of 60 deg, the error of their distance from
+    the origin is up to 5 m. It is less at lower latitudes. road_match.py projects the
+    positions of log and road with the same origin. So a place has the same error in both,
+    and the error does not affect the matching.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -255,7 +264,7 @@ def read_road(path: Path) -> Road:
         raise NoFile(f"{path}: no such file") from None
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise UserError(
-            f"{path}: is not a table of a road: {getattr(error, 'strerror', None) or error}"
+            f"{path}: cannot be read as a road file: {getattr(error, 'strerror', None) or error}"
         ) from None
     header = [c.strip() for c in table.iloc[0]]
     twice = [c for c in COLUMN_RANGES if header.count(c) > 1]
@@ -289,7 +298,7 @@ def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
         except ValueError:
             raise UserError(
                 f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; "
-                f"allowed: {_format_range(name)}, or empty"
+                f"allowed: {_format_range(name)}; bank, grade and their sd may be empty"
             ) from None
     return values
 
@@ -304,7 +313,8 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
     """Check the columns of a road.
 
     `columns`: name -> values. `line`: number of each row, for error messages. `place`:
-    word before this number in error messages, "line" or "row".
+    the word that error messages put before this number: "line" if it is a line of
+    road.csv, "row" if it is an index into the arrays of a Road.
 
     Raises
     ------

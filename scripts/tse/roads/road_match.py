@@ -1,16 +1,22 @@
 """Find the place on a road of each row of a log.
 
-If the log and the road have positions, the place on the road is the one nearest to the
-position. Otherwise, the curvature of the path of the car (yaw rate / speed) as a function
-of the travelled distance is matched with the curvature of the road. This uses a hidden
-Markov model (Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260). Its states are places on
-the road, PLACE_STEP apart, and the state "elsewhere", i.e. off the road. While the log
-advances by one step of PLACE_STEP, the place advances by 0, 1 or 2 steps. The model thus
-allows for a wrong wheel radius, a different lane, a start anywhere on the road, several
-rounds of a circuit, and driving to the road and away from it. A stretch is a part of the
-log that is on the road without interruption. In a stretch, the curvatures of log and road
-must correlate (MIN_ALIKE), and the road must turn enough (MIN_TURN), since one straight
-cannot be distinguished from another."""
+A place is a point of the road, given by its distance along the road. If the log and the
+road have positions, the place of a row is the place nearest to the position of the car.
+Otherwise, the curvature of the path of the car (yaw rate / speed) as a function of the
+travelled distance is matched with the curvature of the road.
+
+This match uses a hidden Markov model and finds its most probable sequence of states
+(Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260). The states are places on the road,
+PLACE_STEP apart, and the state "elsewhere", i.e. off the road. In each step of the log,
+i.e. while the car travels PLACE_STEP, the place advances by 0, 1 or 2 steps. The steps of
+0 and 2 allow for an error of the distance due to a wrong wheel radius or a different
+lane. The car may start anywhere on the road, drive several rounds of a circuit, and drive
+to the road and away from it.
+
+A stretch is a part of the log in which the car is on the road without interruption. A
+stretch is accepted only if the curvatures of log and road correlate (MIN_ALIKE) and the
+road turns enough (SURE_TURN, SURE_SHARE, MIN_TURN), since one straight cannot be
+distinguished from another."""
 
 from __future__ import annotations
 
@@ -29,28 +35,31 @@ from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_
 
 # names of the two methods that find places on a road, as in messages to the user
 GNSS, PATH = "GNSS position", "path"
-# Key: method. Value: [m] sd of the distances along the road that the method finds. The sd
-# of PATH is the rms difference between the distances by PATH and by GNSS in four real
-# laps.
+# Key: method that finds the place on the road of each row of a log. Value: [m] sd of the
+# error of the found distance along the road. The sd of PATH is the rms difference between
+# the distances by PATH and by GNSS in four real laps.
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
 # [m] If a position is further than this from the path of the road, it is off the road.
 # The value is the width of four lanes, or the error of a poor GNSS receiver.
 MAX_OFF_ROAD = 15.0
-# [m] A difference between the directions of car and road counts as an additional distance
-# between them, of this size if the directions are opposite. It exceeds MAX_OFF_ROAD, so a
-# place at which the road has the opposite direction is never matched.
+# [m] When the nearest place of the road is searched, a difference between the direction
+# of driving and the direction of the road counts as an additional distance between car
+# and road. This value is the additional distance for opposite directions. It exceeds
+# MAX_OFF_ROAD, so a car that drives against the direction of the road is off the road.
 DIRECTION_DISTANCE = 20.0
-# [m/s] Below this speed, the car is taken to stand. The measured yaw rate is then the
-# bias of the gyro.
+# [m/s] Below this speed, the car is taken to stand. Its true yaw rate is then 0, so the
+# measured yaw rate is the bias of the gyro.
 MIN_ROLL_SPEED = 0.5
-# Costs of the hidden Markov model are negative log-likelihoods, in nat.
+# Costs of the hidden Markov model are negative log-likelihoods, in nat. The model divides
+# the log and the road into steps of PLACE_STEP.
 
-# [nat] cost if the place advances by 0 or 2 steps in one step of the log. An error of the
-# wheel radius of 1 % thus costs 12 nat per km.
+# [nat] cost of a step of the log in which the place on the road advances by 0 or 2 steps
+# instead of 1. An error of the wheel radius of 1 % requires this in 4 of the 400 steps of
+# a km, and thus costs 12 nat per km.
 SLIP_COST = 3.0
 # [1] sd of the difference between the curvatures of log and road, relative to the rms
-# curvature of the road: drivers take different lines.
+# curvature of the road. The curvatures differ because drivers take different lines.
 ALIKE_SD = 0.25
 # [1/m] min of the sd of the difference between the curvatures of log and road: this value
 # is used if ALIKE_SD x rms curvature is smaller. It allows for steering corrections on a
@@ -59,39 +68,46 @@ MIN_ALIKE_SD = 5e-4
 # [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
 # large difference, e.g. when the car overtakes, does not put the car off the road.
 MAX_SQUARED_ERROR = 9.0
-# [nat] cost of each step in which the log is off the road. It equals the cost of a
-# curvature that differs from the curvature of the road by 1.4 sd.
+# [nat] cost of each step of the log in which the car is off the road. It equals the cost
+# of a step on the road in which the curvature of the log differs from the curvature of
+# the road by 1.4 sd: 0.5 x 1.4^2 = 1.
 ELSEWHERE_COST = 1.0
-# [nat] cost of leaving the road, and cost of reaching it. Each equals the cost of being
-# off the road for 75 m, i.e. 30 steps.
+# [nat] cost of leaving the road, and cost of reaching the road. Each equals the cost of
+# being off the road for 30 steps of PLACE_STEP, i.e. 75 m.
 TURN_OFF_COST = 30.0
+# Limits for a stretch, i.e. a part of the log in which the model finds the car on the
+# road without interruption. Turning is the integral of |curvature| of the road over the
+# stretch.
+
 MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
-MIN_TURN = 1.0  # [rad] min integral of |curvature| of the road over a stretch
-# [rad] If the integral of |curvature| of the road over a stretch exceeds this, the match
-# of the stretch is not taken as chance. A stretch with a smaller integral may match by
-# chance: on a winding road, a stretch with 3.6 rad of the reversed or mirrored road was
-# found to match.
+MIN_TURN = 1.0  # [rad] min turning in a stretch, and hence of the whole road
+# [rad] turning in a stretch above which its match is not taken as chance. A stretch that
+# turns less may match by chance: a stretch with 3.6 rad of a winding road was found to
+# match the same road reversed or mirrored.
 SURE_TURN = 6.0
-# [1] The place of a stretch is ambiguous if a different part of the road matches nearly
-# as well as the found part. This is so if the correlation of the stretch with the
-# different part exceeds its correlation with the found part minus SAME_ALIKE.
+# [1] The place of a stretch is ambiguous if its curvature matches that of a different
+# part of the road nearly as well as that of the part on which it was found. This is so if
+# the correlation with the different part is smaller by less than this value, or larger.
 SAME_ALIKE = 0.05
-# [1] An integral below SURE_TURN also suffices if it exceeds this share of the integral
-# of |curvature| over the whole road or over the whole log, whichever is smaller.
+# [1] A short road or log may turn by less than SURE_TURN. So a stretch whose turning is
+# below SURE_TURN is accepted as well if its turning exceeds this share of the turning of
+# the whole road or of the whole log, whichever turns less.
 SURE_SHARE = 0.8
-# [1] max relative error of the distance that is computed from the wheel speeds. If it is
-# larger, the distance is corrected, and the log is matched again.
+# [1] max relative error of the distance that is computed from the wheel speeds, as found
+# by the match. If the error is larger, e.g. due to a wrong wheel radius, the distance is
+# corrected, and the log is matched again.
 MAX_STRETCH = 0.005
-# [m] The offset between the distance along the road and the distance from the wheel
-# speeds is taken as constant within a Gaussian window with this sd.
+# [m] sd of the Gaussian window over which _refine_places() averages the offset, i.e. the
+# distance along the road minus the distance from the wheel speeds. The offset is taken as
+# constant within the window.
 DRIFT_WINDOW = 60.0
 MIN_ROUND = 100.0  # [m] min length of a circuit
 # [m] max distance that the car drives before it reaches the circuit, e.g. in a pit lane
 MAX_PIT_LANE = 300.0
 # [1] max of (error of dead reckoning after one round) / (length of the round)
 MAX_CLOSURE = 0.05
-# Max number of places in the model. If the road is too long for it, the spacing of the
-# places is increased above PLACE_STEP.
+# Max number of places on the road in the hidden Markov model. If a road needs more places
+# PLACE_STEP apart, their spacing is increased.
 MAX_PLACES = 8000
 
 
@@ -170,8 +186,9 @@ def derive_track(log: CheckedLog, config: Config | None = None) -> Track:
         columns that the log has: gnss_latitude and gnss_longitude [deg], ref_latitude and
         ref_longitude [deg], ref_east and ref_north [m].
     config
-        Settings with the wheel radii. None: those of an ordinary car. Matching estimates
-        the error of the radii.
+        Settings with the wheel radii. None: the default radii. A wrong radius does no
+        harm: positions give the place without the radii, and the match of curvatures
+        estimates and corrects the error of the distance.
     """
     c = config or Config()
     front, rear = (_fill_gaps(log.data[f"wheel_speed_{a}"].to_numpy(float)) for a in ("front", "rear"))
@@ -207,8 +224,8 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
     Parameters
     ----------
     road
-        Road. The car may drive all of it, a part, or several rounds, but only in the
-        direction in which its distance increases.
+        The car may drive the whole road, a part of it, or several rounds, but only in the
+        direction in which Road.distance increases.
     log, config
         As in derive_track().
 
@@ -224,9 +241,9 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
 
     Notes
     -----
-    The computing time is O(n log N) with positions, and O(M N) without, e.g. 0.5 s for
-    laps of 4 km. n: number of rows. M: number of steps of the log. N: number of places on
-    the road.
+    The computing time is O(n log N) with positions, and O(M N) without positions, e.g.
+    0.5 s for laps of 4 km. n: number of rows. M: number of steps of PLACE_STEP that the
+    car travels. N: number of places on the road.
     """
     track = derive_track(log, config)
     distance, how = _match_track(road, track, str(log.path))
@@ -370,9 +387,11 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
 
 
 def _smooth_values(values: Array, sd: float) -> Array:
-    """Smooth values by a Gaussian window. `sd`: its sd, in steps between values.
+    """Smooth values by a Gaussian window. The unit of `sd`, the sd of the window, is the
+    spacing of the values.
 
-    Both ends are extended by point reflection, so that a straight line stays straight."""
+    The window needs values beyond both ends of the series. They are made by reflection of
+    the series in its end point, so that a straight line stays straight up to its end."""
     wide = min(int(4 * sd) + 1, len(values) - 1)
     padded = np.pad(values, wide, mode="reflect", reflect_type="odd")
     return gaussian_filter1d(padded, sd)[wide : len(values) + wide]
@@ -393,15 +412,19 @@ def _compute_track_curvature(track: Track, way: Array) -> Array:
 
 
 def _find_round(road: Road) -> tuple[int, int] | None:
-    """Return first and last place of the first round, as indices; None: no circuit.
+    """Return the indices of the first and the last place of the first round. Return None
+    if the road is no circuit.
 
     At the end of a round, the path reaches the beginning of the round again, in the same
-    direction. If the road has positions, the function finds the first part of the path
-    that returns to within MAX_OFF_ROAD of the beginning. In this part, the place nearest
-    to the beginning is the end of the round. Without positions, the function tries
-    lengths of the round. A length must meet two conditions: the curvature correlates with
-    the curvature one length later (MIN_ALIKE), and dead reckoning over the length returns
-    to its start (MAX_CLOSURE).
+    direction. If the road has positions, the function tries places every 10 m up to
+    MAX_PIT_LANE as the beginning, until the path returns to one: it must have a part that
+    begins at least MIN_ROUND later and lies within MAX_OFF_ROAD of the beginning. The
+    place in the first such part that is nearest to the beginning is the end of the round.
+
+    Without positions, the round begins at the first place, and the function tries lengths
+    of the round L. A length must meet two conditions: the curvatures at all pairs of
+    places that are L apart correlate (MIN_ALIKE), and the path computed from the
+    curvature returns after L to within MAX_CLOSURE x L of its beginning.
     """
     s = road.distance
     if road.x is not None:
@@ -479,8 +502,9 @@ def match_by_position(
     at_x, at_y
         (m,) [m] positions of the log in the same frame. NaN: unknown.
     travelled
-        (m,) [m] distance from the wheel speeds. Positions are interpolated over it, and
-        give the direction of driving.
+        (m,) [m] travelled distance at each position, from the wheel speeds. The positions
+        are interpolated at travelled distances 1 m apart and smoothed. The direction of
+        driving is the direction from one of these to the next.
 
     Returns
     -------
@@ -543,7 +567,7 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     if np.sum(np.abs(its)) * step < MIN_TURN:
         raise UserError(
             f"{name}: cannot be aligned with {road.path}: the road turns by less than {MIN_TURN:g} rad, "
-            "so places on it can only be found with GNSS positions"
+            "too little to find places by the bends; use a log and a road with GNSS positions"
         )
     sd = max(ALIKE_SD * scale, MIN_ALIKE_SD)
     place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
@@ -557,14 +581,14 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
         place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     if not (place >= 0).any():
         raise UserError(
-            f"{name}: cannot be aligned with {road.path}: its bends match those of the road nowhere over a "
-            "sufficient length; the car drove on a different road, in the opposite direction, or not far "
-            "enough"
+            f"{name}: cannot be aligned with {road.path}: the bends of the log match those of the road "
+            "nowhere over a sufficient length; the car drove on a different road, in the opposite direction, "
+            "or not far enough"
         )
     if _is_ambiguous(place, its, turn, step, road.is_closed):
         raise UserError(
-            f"{name}: cannot be aligned with {road.path}: its bends match several parts of the road, as in a "
-            "slalom; places on it can only be found with GNSS positions"
+            f"{name}: cannot be aligned with {road.path}: the bends of the log match several parts of the "
+            "road, as in a slalom, so its place is ambiguous; use a log and a road with GNSS positions"
         )
     s = road.distance[0] + _refine_places(place, its, turn, step, road.is_closed)
     return _interpolate_places(way, s, track.travelled)
@@ -578,7 +602,8 @@ def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
     """Return the ratio of the distance along the road to the distance from the wheel
-    speeds; 1 if the ratio is unknown."""
+    speeds, as the mean advance of the place per step of the log. Return 1 if no part of
+    the log is on the road."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
     steps = steps[steps >= 0] if is_closed else steps  # a step is negative if a new round begins
     return float(np.mean(steps))
@@ -598,9 +623,10 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     its
         (N,) 1/m, curvature of the road at its places.
     turn
-        (M,) 1/m, curvature of the log at steps of the same length.
+        (M,) 1/m, curvature of the log. The travelled distance from one value to the next
+        equals the distance between two places of the road.
     sd
-        1/m, sd of the difference of both curvatures if the log is on the road.
+        1/m, sd of the difference of the two curvatures while the car is on the road.
     is_closed
         True: the first place follows the last one.
 
@@ -613,9 +639,10 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # came[i, place]: code for the state before step i, if the state after it is `place`.
-    # 0, 1, 2: the place this many places before; 3: elsewhere. came[i, n]: the same if
-    # the state after step i is "elsewhere". 0: elsewhere; 1: the place left[i].
+    # came[i, place] is the code of the most probable state before step i, if the state
+    # after step i is `place`. 0, 1, 2: the place this many places before `place`; 3:
+    # elsewhere. came[i, n] is the code of the state before step i, if the state after
+    # step i is "elsewhere". 0: elsewhere; 1: the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     left = np.zeros(steps, np.int64)  # place from which the log would leave the road
     cost = np.full(n + 1, TURN_OFF_COST)
@@ -655,11 +682,12 @@ def _accept_stretches(
 ) -> npt.NDArray[np.int64]:
     """Return the places, with -1 in stretches of low correlation or little turning.
 
-    In a stretch, the correlation of both curvatures must exceed MIN_ALIKE. In addition,
-    the integral of |curvature| of the road must exceed a limit. The limit is the smaller
-    of SURE_TURN and SURE_SHARE x the integral over the whole road or log, but at least
-    MIN_TURN. `its`: curvatures of the road at its places. `turn`: curvatures of the log
-    at its steps. `step`: [m] spacing of places and steps."""
+    In a stretch, the correlation of the curvatures of log and road must exceed MIN_ALIKE.
+    In addition, the turning in the stretch, i.e. the integral of |curvature| of the road
+    over it, must exceed a limit. The limit is SURE_TURN. If the whole road or the whole
+    log turns so little that SURE_SHARE x its turning is smaller, the limit is this
+    product, but at least MIN_TURN. `its`: curvatures of the road at its places. `turn`:
+    curvatures of the log at its steps. `step`: [m] spacing of places and steps."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -695,13 +723,15 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Return the places with a resolution below a step, as distances [m] from place 0.
+    """Return the places more finely than in whole steps: as distances [m] from place 0.
 
-    NaN: off the road. The offset between distance along the road and travelled distance
-    changes slowly. It is estimated over DRIFT_WINDOW by three Gauss-Newton steps that fit
-    the curvature of the log to that of the road (Lucas and Kanade, IJCAI (1981) 674).
-    Places are weighted by the square of the derivative of the curvature with respect to
-    distance, since the offset is observable only where the curvature changes.
+    NaN: off the road. The offset, i.e. the distance along the road minus the travelled
+    distance, changes slowly, because it comes from the error of the wheel radius and from
+    the lane. So it is taken as constant within a Gaussian window (DRIFT_WINDOW) about
+    each place. Three Gauss-Newton steps estimate it such that the curvature of the log
+    fits that of the road (Lucas and Kanade, IJCAI (1981) 674). Places are weighted by the
+    square of the derivative of the curvature with respect to distance, since the offset
+    is observable only where the curvature changes.
     """
     n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)
