@@ -335,7 +335,7 @@ def test_which_car_a_log_is_of(logs, tmp_path):
         ("log,vehicle\nx,nowhere.toml\n", "nowhere.toml: no such file"),
         (
             "log,vehicle,car\nx,a.toml,golf\ny,b.toml,golf\n",
-            "line 3, column vehicle: golf has the vehicle file a.toml in a line above",
+            "line 3, column vehicle: a line above gives the vehicle file a.toml for the same car golf",
         ),
         ("", "cannot be read as a CSV"),
     ],

@@ -17,9 +17,9 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Suffixes that logs have, but many other files, too. If a folder is searched for logs,
-# files with these suffixes are skipped. Such a file is only read if the user names it or
-# gives a glob pattern that matches it.
+# Suffixes that not only logs have, but also many files that are no logs. If a folder is
+# searched for logs, files with these suffixes are skipped. Such a file is only read if
+# the user names it or gives a glob pattern that matches it.
 AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
 # ends of the names of files that `tselab estimate` writes; these files are not logs
@@ -54,8 +54,9 @@ def find_drives(
 
     `words`: files, folders and glob patterns. `table`: CSV with the vehicle file of each
     log. If `table` is None, all logs have the vehicle file `vehicle`, and belong to the
-    car `car`. If `car` is None, each folder has the logs of one car. `out`: folder
-    of the results, which is not searched for logs."""
+    car named `car`. If `car` is also None, each folder has the logs of one car, which is
+    named after the folder. `out`: folder of the results, which is not searched for
+    logs."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
@@ -136,8 +137,9 @@ def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
 
 
 def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
-    """Return a drive for each log. The car of the drive is in the first row of the table
-    that matches the log. If no row matches the log, the drive has an error."""
+    """Return a drive for each log. Car, vehicle file and signals of the drive are taken
+    from the first row of the table whose column `log` matches the log. If no row matches
+    the log, the drive has an error."""
     rows = _read_table(table)
     base = resolve_path(table).parent
     vehicles = sorted({resolve_path(base / r["vehicle"]).with_suffix("") for r in rows})
@@ -186,8 +188,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     if lacks := [c for c in TABLE_COLUMNS[:2] if c not in read]:
         raise UserError(
             f"{table}: column {' and '.join(lacks)} is missing; required: log (a file, a folder or a "
-            "pattern like cars/7/*.mf4) and vehicle (its vehicle file); optional: car, signals; paths are "
-            "relative to the folder of the table"
+            "pattern like cars/7/*.mf4) and vehicle (vehicle file of the car of this log); optional: car, "
+            "signals; paths are relative to the folder of the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
         hint = suggest_names(str(column), TABLE_COLUMNS, 1)
@@ -198,8 +200,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
             raise UserError(
-                f"{table}: line {line}, column vehicle: {row['car']} has the vehicle file {before} in a "
-                "line above: give the same file in all lines of a car"
+                f"{table}: line {line}, column vehicle: a line above gives the vehicle file {before} for the "
+                f"same car {row['car']}: give the same file in all lines of a car"
             )
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:

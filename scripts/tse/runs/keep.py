@@ -28,13 +28,13 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-# A log is compared with the other logs of its car only if there are at least this many
-# other logs
+# The stiffnesses of a log are compared with those of the other logs of the same car only
+# if there are at least this many other logs
 MIN_LOGS = 3
-# Max ratio of a stiffness to its median in the other logs of the car. A ratio that
-# exceeds this limit by more than 2 sd of the stiffness gives a warning. Ratios up to this
-# limit are normal: dry asphalt gives the largest stiffness, and even on dry asphalt the
-# stiffness varies, because warm tyres are softer
+# Max ratio: stiffness in a log / median of this stiffness in the other logs of the car. A
+# ratio that exceeds this limit by more than 2 sd of the stiffness gives a warning. Ratios
+# up to this limit are normal even if all logs are on dry asphalt, which gives the largest
+# stiffness: the stiffness varies with the temperature, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
@@ -60,6 +60,7 @@ class Done:
 class Store:
     """The folder of the results of a fleet.
 
+    It stores the outcome of each log, i.e. the result of its run or its error (work.py).
     `restart`: delete the stored outcomes, so that all logs run again."""
 
     def __init__(self, out: Path, restart: bool):
@@ -175,10 +176,11 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     """Return a warning for each log in which a stiffness is much larger than in the other
     logs of its car.
 
-    Usually some of the other logs are on dry asphalt, where the stiffness is largest.
-    So a much larger stiffness means that car, load or tyres are different, or that all
-    other logs were on snow. A much smaller stiffness gives no warning, since wet roads
-    and snow reduce the stiffness."""
+    The stiffness is compared with its median in the other logs. Usually most of them are
+    on dry asphalt, where the stiffness is largest. The road surface then cannot explain a
+    stiffness much above the median: car, load or tyres are different. The warning is
+    false only if most of the other logs were on slippery roads, e.g. on snow. A stiffness
+    much below the median gives no warning, since wet roads and snow explain it."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -200,9 +202,11 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def compute_key(task: Task) -> str:
-    """Return a digest of everything that an outcome depends on. For a log, the size and
-    the modification time are used instead of the content, because reading the log would
-    take as long as estimating it."""
+    """Return a digest of everything that the outcome of a log depends on. It is stored
+    with the outcome. If a later call finds a different digest, the log runs again.
+
+    For the files of logs, the digest uses their size and modification time instead of
+    their content, because reading a log would take as long as estimating it."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]

@@ -59,9 +59,10 @@ class Car:
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """Key for sorting cars. Cars with a known cornering stiffness come first, sorted
-        by the smallest one. Cars of which only the longitudinal stiffness is known come
-        next, and cars without a known stiffness come last."""
+        """Key that sorts the cars into the order of the page. Cars with a known cornering
+        stiffness come first, sorted by the smaller one of the axles. Cars of which only
+        the longitudinal stiffness is known come next, sorted by it, and cars without a
+        known stiffness come last."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -145,8 +146,8 @@ def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, titl
 
 
 def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
-    """Return remarks on logs. Key: path of a log that has changes of the road or
-    warnings. Value: the lists "changes" and "warnings" of this log."""
+    """Return remarks on logs. Key: path of a log that has warnings or detected changes of
+    the stiffness. Value: the lists "changes" and "warnings" of this log, as texts."""
     found: dict[str, dict[str, list[Any]]] = {}
     for r in table[table["change"].notna() | table["warnings"].notna()].itertuples():
         mine = found.setdefault(r.log, {"changes": [], "warnings": []})

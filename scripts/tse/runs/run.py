@@ -54,11 +54,12 @@ def run_drives(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run the logs that are not done yet. Return the outcomes of all logs,
-    in the order of `drives`.
+    """Run the logs that have no valid outcome in `store` from an earlier call. Return the
+    outcomes of all logs, stored and new ones, in the order of `drives`.
 
-    `jobs`: number of worker processes; 0: run in this process. `scheduler`: address of a
-    Dask cluster that runs the logs instead. `progress`: show a progress bar."""
+    `jobs`: number of worker processes on this machine; 0: run in this process.
+    `scheduler`: address of a Dask cluster. If it is given, the logs run on this cluster
+    and not on this machine. `progress`: show a progress bar."""
     done: dict[Drive, Done] = {}
     chains = [_Chain(c, plan, store) for c in _group_chains(drives, plan.learn)]
     with tqdm(
@@ -114,8 +115,8 @@ def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
 def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
     """Return groups of drives. The drives of a group run one after the other, different
     groups run in parallel. If `learn` is True, a group has all drives of a car, otherwise
-    a single drive. The group with the most drives comes first: it takes longest, so it
-    must start first."""
+    a single drive. The group with the most drives comes first: it takes longest, and if
+    it started last, the other processes would wait for it at the end."""
     if not learn:
         return [[d] for d in drives]
     cars: dict[str, list[Drive]] = {}
@@ -137,8 +138,8 @@ class _Chain:
     def find_next(self, keep: Any) -> Task | None:
         """Return the task of the next log that has to run, or None if no log has to run.
 
-        `keep`: called with each log that is skipped because it is already done or has an
-        error."""
+        A log is skipped if it has an error, or if its outcome is stored from an earlier
+        call. `keep`: called with the outcome (Done) of each log that is skipped."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:

@@ -123,12 +123,13 @@ def assemble_run(
 
     `vehicle`: the car; this function fills in its missing values. `config_path`: file
     of settings, or None. `average`: [s] length of the blocks over which the log is
-    averaged; None: no averaging. `options`: settings by name; a value None means that
-    the setting is not given. `settings`: settings that override all others. `source`:
-    where `settings` come from, for messages. `strict`: raise UserError if channels
-    contradict each other. `calibrate`: options for first calibrating an uncalibrated car
-    on the log; None: no calibration. `road`: bank and grade for the filter; None: not
-    given."""
+    averaged; None: no averaging. `options`: settings by name; a setting whose value is
+    None keeps its value from the file or the vehicle. `form`: name of the filter.
+    `settings`: settings that override all others. `source`: where `settings` come from,
+    for messages. `strict`: raise UserError if channels contradict each other.
+    `calibrate`: options of the calibration: an uncalibrated car is calibrated on the log
+    before the run; None: no calibration. `road`: road whose bank and grade the filter
+    uses; None: the filter uses the columns bank and grade of the log, if it has them."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -222,9 +223,12 @@ def run_prepared(
     progress: bool = False,
     whole: bool = False,
 ) -> Run:
-    """Run the estimator. Write the estimates to the file `out` and the page to the file
-    `report`, if they are given. If the estimates show that channels contradict each
-    other, the estimator runs again with every row marked as not valid.
+    """Run the estimator. Write the estimates to the file `out` and the HTML report to the
+    file `report`. A file that is None is not written.
+
+    If the estimates show that channels contradict each other (find_contradiction()), no
+    estimate can be trusted. The estimator then runs again and marks every row as not
+    valid, including the rows before the contradiction.
 
     `learnt`: learnt state from which the filter starts. `progress`: show a progress bar.
     `whole`: True: keep all rows and columns in memory, and do not write `out`. False:
@@ -266,9 +270,12 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return True if the estimates show that channels contradict each other, and there is
-    no warning about it yet. In this case also turn the doubts of the preparation into
-    warnings or, if there are none, add a warning."""
+    """Return True if the estimates show that channels contradict each other, and the
+    preparation of the run has given no warning.
+
+    In this case, also add warnings to `prepared`. If the preparation has found possible
+    contradictions (Prepared.doubts), they are now certain and become warnings. If it has
+    found none, the contradiction in the estimates becomes the warning."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""

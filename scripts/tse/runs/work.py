@@ -1,5 +1,5 @@
-"""Estimate one log of a fleet, possibly in a different process or on a different machine:
-the task that is sent there, and the outcome that comes back."""
+"""Estimate one log of a fleet in a worker. A worker is this process, a different process,
+or a process on a different machine. It receives a Task and returns an Outcome."""
 
 import tempfile
 import traceback
@@ -55,7 +55,8 @@ class Outcome:
     """Result of a task."""
 
     error: str = ""  # why the log could not be estimated; empty: no error
-    # a dict for each pair of stretch of road and stiffness, with the keys of
+    # a dict for each stiffness on each stretch of road (part of the drive from one
+    # detected change of the stiffness to the next), with the keys of
     # results.ESTIMATE_COLUMNS
     rows: list[dict[str, Any]] = field(default_factory=list)
     learnt: bytes | None = None  # learnt state after this drive

@@ -15,21 +15,23 @@ from tse.log.rows import DRIVES, MEASURES, ROAD_COLUMNS, CheckedLog
 from tse.report.plots import CHANNEL_UNITS
 from tse.roads.road import MAX_ROAD_ANGLE
 
-# [m/s] slower rows are not compared: tyre model and wheel speeds are inaccurate there,
-# and at standstill every model agrees
+# [m/s] min speed of the rows in which measured and simulated channels are compared. In
+# slower rows, tyre model and wheel speeds are inaccurate. At standstill, every model
+# agrees with the measurement, so these rows would make a wrong model look good
 MIN_COMPARE_SPEED = 3.0
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True)
 class ModelMisfit:
-    """Measured minus simulated channel, in rows with a speed above MIN_COMPARE_SPEED."""
+    """Statistics of a difference: measured minus simulated channel, in the rows with a
+    speed above MIN_COMPARE_SPEED."""
 
     # rms of the difference about its mean, i.e. without the bias of the sensor. NaN: the
-    # log lacks the channel
+    # log has no values of the channel in these rows
     rms: float
     over_noise: float  # ratio of rms to the sd of the white noise of the channel in this log
-    mean: float  # mean of the difference, with the bias of the sensor
+    mean: float  # mean of the difference; it contains the bias of the sensor
     unit: str  # unit of rms and mean
 
 

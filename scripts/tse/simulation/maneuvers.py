@@ -220,8 +220,9 @@ def build(
     amplitude
         In the unit of the manoeuvre. None: its default.
     road
-        Changes of the road surface: (time [s], factor) for each. From this time on, all
-        stiffnesses are multiplied by the factor. Before the first change it is 1.
+        Changes of the road surface: a pair (time [s], factor) for each. From this time to
+        the next change, all stiffnesses are multiplied by the factor. Before the first
+        change, and if `road` is None, the factor is 1.
     seed
         Seed of the random corrections of steering and speed.
 

@@ -15,8 +15,9 @@ from tse.simulation.maneuvers import Maneuver
 SPEED_GAIN = 2.0  # [1/s] gain of the speed controller: acceleration per error of the speed
 BRAKE_FRONT = 0.6  # [1] share of the front axle in the brake force
 HOLD_TORQUE = 300.0  # [Nm] brake torque of an axle at standstill
-# [rad/s] sd of the noise of real wheel speeds. Without noise, values would repeat
-# exactly, and the filter would detect a frozen channel
+# [rad/s] sd of the noise that is added to simulated wheel speeds, as large as that of
+# real ones. Without noise, values would repeat exactly, and the filter would take the
+# channel for frozen, i.e. for a sensor that has stopped measuring
 WHEEL_NOISE = 0.02
 POSITIONS = {  # kind of coordinates -> (column of a log -> column of a road)
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
@@ -49,11 +50,11 @@ def simulate(
     progress: bool = False,
     road: Road | None = None,
 ) -> Simulation:
-    """Simulate a manoeuvre and return log and truth as they are written to files.
+    """Simulate a manoeuvre and return the contents of LOG.csv and TRUTH.csv.
 
-    Parameters as in drive(). With a road, the log also has positions. They are points of
-    the road at the travelled distance, even if the steering of the manoeuvre does not
-    follow the road.
+    Parameters as in drive(). If `road` is given and has positions, the log has columns
+    with positions of the car. They are the points of the road at the travelled distance,
+    even if the steering of the manoeuvre does not follow the road.
     """
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
     log, truth = _make_log(maneuver.time, outputs), _make_truth(maneuver, inputs, outputs, config)
@@ -123,9 +124,11 @@ def drive(
 def _follow_speed(
     inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float
 ) -> None:
-    """Set the drive and brake torques of row i by a proportional controller of the speed.
+    """Set the drive and brake torques of row i, so that the car follows the target speed.
 
-    `now`: present speed [m/s]. `front`: share of the front axle in the drive force."""
+    The demanded acceleration is that of the target speed, plus a proportional feedback of
+    the speed error. `now`: present speed [m/s]. `front`: share of the front axle in the
+    drive force."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
@@ -144,9 +147,11 @@ def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
 
 
 def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """Return the true values: outputs of the simulator that the log lacks, and inputs.
+    """Return the contents of TRUTH.csv: the outputs of the simulator that the log does
+    not have, e.g. true velocities and stiffnesses, and those of its inputs that the log
+    does not have: wheel torques, brake torques, and road_level.
 
-    The inputs are torques and road_level. Stiffnesses are in N and N/rad."""
+    Stiffnesses are in N and N/rad."""
     log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):
@@ -159,7 +164,8 @@ def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, con
     return pd.DataFrame(table)
 
 
-# key: column of a log that the report draws; value: column of the truth with its values
+# Key: reference column that add_references() adds to a log, so that the report draws it
+# beside the estimate. Value: column of TRUTH.csv from which the values are copied
 REFERENCE_COLUMNS = {
     "ref_vel_x": "true_vel_x",
     "ref_vel_y": "true_vel_y",
