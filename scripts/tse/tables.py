@@ -1,5 +1,6 @@
-"""Lists of the library: settings, channels, estimates, codes, effects, manoeuvres, and
-signals and functions for formulas."""
+"""Lists of the names that the C library knows, with units and meanings: settings, columns
+of logs and of estimates, codes of status and reasons, effects by which the model can be
+extended, manoeuvres of the simulator, and signals and functions that formulas can use."""
 
 from __future__ import annotations
 
@@ -144,8 +145,8 @@ def check_setting(name: str, value: float, *, source: str = "", simulator: bool 
 
 
 def road_level() -> Setting:
-    """Return the input road_level of the simulator, a factor on every
-    stiffness, with its range."""
+    """Return name, range and meaning of the input road_level of the simulator. It is a
+    factor on every stiffness, for each row of a drive."""
     f = library().field(SIM_INPUT, "road_level")
     return Setting(f.name, f.default, f.low, f.high, f.unit, f.text)
 
@@ -165,12 +166,14 @@ def effects() -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        Keys that describe the effect: id; effect (title); enters (places of the model
-        that it changes); shows_in (channels that it affects); look_alikes (ids of effects
-        that are hard to distinguish from it). Keys that describe the parameter: setting;
-        unit; typical_low, typical_high; negligible (`tselab gap` does not report an
-        effect whose size is below this); meaning; strength (whether the value 0 switches
-        the effect off).
+        Keys that describe the effect: id; effect (title); enters (parts of the model
+        that it changes, such as "front axle"); shows_in (channels that it affects, and
+        when); look_alikes (ids of effects that are hard to distinguish from it). Keys
+        that describe the parameter: setting (name of the setting that holds it); unit;
+        typical_low, typical_high (range among cars that have the effect); negligible
+        (`tselab gap` does not report an effect whose size is below this); meaning;
+        strength (True: the parameter is the size of the effect, and 0 switches the effect
+        off; False: it gives the shape of the effect, such as a time constant).
     """
     return [
         {
@@ -203,7 +206,7 @@ def formula_operations() -> dict[str, Term]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> Path:
-    """Write rows that have the same keys as a table: Parquet if `path` ends in
-    .parquet, otherwise CSV."""
+    """Write a table: Parquet if `path` ends in .parquet, otherwise CSV. Each mapping in
+    `rows` is a row, and its keys are the columns. All rows have the same keys."""
     write_rows(Path(path), rows)
     return Path(path)

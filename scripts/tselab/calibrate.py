@@ -81,15 +81,19 @@ def calibrate(
     tselab calibrate *.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
-    One fit determines all of these: bank and grade of the roads, delay of every channel
-    relative to the gyro, steering ratio, offset and lag, wheel radii, position, mounting
-    angles and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia,
-    stiffness, and the noise of the sensors. Their prior is the distribution among
-    passenger cars. If the logs have a measured velocity (columns ins_vel_x, ins_vel_y,
-    gnss_speed), the simulation is fitted to it, too. A parameter that these logs do not
-    determine is listed. It keeps its prior, which widens the intervals of later
-    estimates. The last lines name the measurement that would shorten the intervals of
-    the cornering stiffnesses most.
+    The car is simulated with the logged steering angle and wheel speeds. One fit of the
+    simulated to the measured accel_x, accel_y and yaw_rate estimates all of these
+    parameters: bank and grade of the roads; delay of every channel relative to the gyro;
+    ratio, offset and lag of the steering; wheel radii; position, mounting angles and
+    scale of the IMU; roll and pitch of the body; relaxation length of the tyre forces;
+    load transfer; yaw inertia; stiffness; noise of the sensors. The prior of each
+    parameter is its distribution among passenger cars. If the logs have a measured
+    velocity (columns ins_vel_x, ins_vel_y, gnss_speed), the fit uses this velocity, too.
+
+    These logs determine a parameter if its posterior sd is clearly smaller than its prior
+    sd. Every other parameter is listed. It stays near its prior mean with a large sd,
+    which widens the intervals of later estimates. The last lines name the measurement
+    that would shorten the intervals of the cornering stiffnesses most.
 
     Half an hour of driving with bends and some braking is a good start. A second
     calibration, with --vehicle calibrated.toml and other logs, starts from the result of
@@ -97,8 +101,9 @@ def calibrate(
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
-    CALIBRATED.formula.toml    copy of the formula of the vehicle file, if it has one. The
-                               simulation contains the formula, the fit does not change it
+    CALIBRATED.formula.toml    if the vehicle file names a formula, i.e. an effect of your
+                               own ('tselab formula'): its copy. The simulation contains
+                               this effect, and the fit does not change it
     CALIBRATED.json            all parameters as JSON
     CALIBRATED.html            all parameters as a page with plots; --report changes its
                                path
@@ -106,10 +111,10 @@ def calibrate(
     --json prints all parameters on standard output, --table writes a table with a row for
     each parameter.
 
-    Exit code: 0 usable: the fit converged, and these logs determine some parameter; 4 the
-    fit converged, but these logs determine no parameter, or less than 20 s of the logs
-    can be compared with a simulation; 12 the fit did not converge (the files are written
-    all the same); 2 bad input; 130 Ctrl-C.
+    Exit code: 0 usable: the fit converged, and these logs determine at least one
+    parameter; 4 the fit converged, but these logs determine no parameter, or less than
+    20 s of the logs can be compared with a simulation; 12 the fit did not converge (the
+    files are written all the same); 2 bad input; 130 Ctrl-C.
     """
     import tse
     from tse.files import check_distinct, check_writable

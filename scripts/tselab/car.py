@@ -21,7 +21,8 @@ from tselab.options import FILE, JSON, print_json
 @click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the settings as a C header.")
 @JSON
 def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | None, as_json: bool) -> None:
-    """Check a vehicle file, or print an example; write its settings for C.
+    """Check a vehicle file, or print an example of one. With --c, also write the settings
+    of the checked file as a C header.
 
     \b
     tselab vehicle --example > car.toml
@@ -129,6 +130,9 @@ class FormulaCommand(click.Command):
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """Check a formula: an effect of your own, which 'tselab gap catalogue' does not list.
 
+    The value of a formula is added to a quantity of the model, the place of the formula,
+    such as the slip angle of the front axle (front_angle) or the yaw moment.
+
     \b
     tselab formula gap/formula.toml
     tselab formula play.toml --c play.h
@@ -145,8 +149,9 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     unit = "rad"
 
     The lines [formula] file = "play.toml" in a vehicle file of the same folder add the
-    formula to simulator, estimator and 'tselab gap'. Places, signals and functions are
-    listed below; x, y, z are the arguments of a function in their order.
+    formula to simulator, estimator and 'tselab gap'. Below are all places, signals and
+    functions. In the text of a function, x is its first argument, y its second and z its
+    third.
     """
     import tse
     from tse import tables

@@ -1,6 +1,7 @@
-"""The command `tselab demo`. It simulates a drive, estimates it, and compares the result
-with the truth. It estimates the same drive from an MF4 with other signal names, units,
-rates and latencies. Then it finds an effect that the model of a second car lacks."""
+"""The command `tselab demo`. First, it simulates a drive, estimates it, and compares the
+result with the truth. Second, it estimates the same drive from an MF4 with signal names,
+units, rates and latencies as on the bus of a car. Third, it simulates a second car with
+an effect that the model lacks, and finds this effect."""
 
 from __future__ import annotations
 
@@ -37,13 +38,15 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     """Demonstrate the estimator on simulated drives: estimate,
     read an MF4, find an effect.
 
-    First, double lane changes with a change of the road are simulated and estimated, and
-    the estimates are compared with the truth. Files: vehicle.toml, filter.toml, log.csv,
+    First, double lane changes are simulated and estimated, and the estimates are compared
+    with the truth. During the drive the road surface changes: every stiffness drops to
+    70 % of nominal. Files: vehicle.toml, filter.toml, log.csv,
     truth.csv, est.csv, report.html and, with matplotlib, demo.png.
 
-    Second, the same drive is written as an MF4 with other signal names, units, rates and
-    latencies, and estimated from it. Files in the folder logger: drive.mf4, the proposed
-    signals.toml, car.toml and est.csv. This part needs the Python package asammdf.
+    Second, the same drive is written as an MF4 with signal names, units, rates and
+    latencies as on the bus of a car, and is estimated from this file. Files in the folder
+    logger: drive.mf4, the proposed signals.toml, car.toml and est.csv. This part needs
+    the Python package asammdf.
 
     Third, a car is simulated with an effect that the model lacks, and 'tselab gap' finds
     the effect. Files in the folder gap: the logs, and all files of 'tselab gap'.

@@ -161,41 +161,47 @@ def estimate(
     ratio = 15.3                   latency = 0.02                  sign = -1
 
     Further keys of a channel: scale, offset, sign_bit, add (a signal whose value is
-    added), radius (wheel radius, m), valid and counter (signals of the same message that
-    mark values as valid, and count messages), clock (time by which the clock of its group
-    is ahead of the other groups, s), hold (the signal is sent only when it changes),
-    unsure (list of guesses about this signal; until you remove the list, every run prints
-    it, and --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of
-    [log]: time, time_unit, step, rate, databases, separator, decimal, encoding, header. A
-    channel that the log does not have is missing in all rows; the quantities that are
-    still observable are estimated.
+    added), radius (wheel radius, m), valid and counter (signals of the same message:
+    valid marks values as valid, counter counts the messages), clock (s; in some formats
+    the signals are in groups, each with its own clock: time by which the clock of this
+    signal is ahead of the others), hold (true: the signal is sent only when it changes,
+    so each value is held until the next), unsure (properties of this signal that were
+    guessed by 'tselab signals'; until you remove the key, every run prints them, and
+    --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of [log]:
+    time, time_unit, step, rate, databases, separator, decimal, encoding, header. If the
+    log does not have a channel, this channel is missing in all rows, and the quantities
+    that are observable without it are estimated.
 
     If the vehicle file does not give a value, the run assumes the value of an ordinary
     car with the same mass, lf and lr (src/tables/uncalibrated.toml): stiffness
     proportional to the axle load, yaw inertia = mass * lf * lr, grip of a dry road. An
     assumed value has the standard deviation found among ordinary cars; --verbose lists
-    the assumed values. The filter estimates noise and biases of the sensors. With --form
-    paper or robust the noise is estimated from the log before the filter runs. After
-    'tselab calibrate' the prior is the posterior of the calibration.
+    the assumed values. With a vehicle file of 'tselab calibrate', the values and their
+    standard deviations are those that the calibration has found.
+
+    The default filter also estimates noise and biases of the sensors. --form paper and
+    --form robust select the particle filters instead. For these, the noise is estimated
+    from the log before the filter runs.
 
     A car without calibrated stiffness (no [calibration] and no [uncertainty] in its file)
     is first calibrated on the log itself, on at most ten minutes of it. The run prints
-    the result, and in which file it is kept for the next run. There is no calibration
-    with --no-calibrate, nor with --load-learnt or --save-learnt, because a learnt state
-    belongs to the car as the vehicle file describes it.
+    the result, and the name of the file that keeps it for the next run. There is no
+    calibration with --no-calibrate, nor with --load-learnt or --save-learnt (see below).
+
+    With --save-learnt, the filter writes its state after the drive, the learnt state:
+    stiffness, grip, sensor biases and steering, with their covariance. With
+    --load-learnt, a later drive starts from this state. It is valid only for the same
+    vehicle file, so the car is not calibrated again. Its variances grow with its age
+    (settings learnt_floor, learnt_walk_day).
 
     The report also draws columns of the log that start with ref_. Those that name an
     estimated quantity (ref_vel_x, ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed,
     ref_wheel_fl ...) are drawn together with it, others separately. The time between rows
     may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) treat
     noise of the wheel speeds as slip, and then underestimate the stiffness. --average
-    0.1 reduces this noise. A row of EST.csv then belongs to a block of 0.1 s. A noise sd
-    in the vehicle file is still that of a single sample. Ctrl-C stops the run and writes
-    the rows done so far.
-
-    A learnt state contains stiffness, grip, sensor biases and steering, with their
-    covariance. It is only valid for the same vehicle. Its variances grow with its age
-    (settings learnt_floor, learnt_walk_day).
+    0.1 reduces this noise: the filter gets the mean of each block of 0.1 s, and a row of
+    EST.csv belongs to a block. With --average, too, a noise sd in the vehicle file is
+    that of a single sample. Ctrl-C stops the run and writes the rows done so far.
 
     --road gives the filter the bank and grade of the road in each row. The position on
     the road is found from gnss_latitude and gnss_longitude or, without them, from the
@@ -205,16 +211,18 @@ def estimate(
     whose last row is at the same place as the first). A log that was driven on a
     different road is refused.
 
-    The drive is divided into stretches at the changes of the road. For each of the last
-    stretches the command prints a line for each stiffness: its value with its 95 %
-    interval, and whether it is usable. These values are smoothed, so they also use later
-    rows. --verbose also prints the filtered values at the end of each stretch, grip, the
-    largest sideslip angle, and values that were filled in.
+    When road surface or tyres change, the stiffness changes. At the changes that the
+    filter finds, the drive is divided into stretches. For each of the last two stretches
+    the command prints a line for each stiffness: its value with its 95 % interval, and
+    whether it is usable. With the default filter this value is smoothed, i.e. later rows
+    contribute to it, too. --verbose also prints the filtered values at the end of each
+    stretch, grip, the largest sideslip angle, and the values that were assumed because
+    the vehicle file does not give them.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: no
-    stiffness is valid, but the estimates are written; 2 bad input; 130 Ctrl-C. --json
-    prints the result as JSON instead of sentences. --table writes it as a table with a
-    row for each stiffness on each stretch of road.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part: only some are; 4
+    nothing usable: no stiffness is valid, but the estimates are written; 2 bad input; 130
+    Ctrl-C. --json prints the result as JSON instead of sentences. --table writes the
+    result as a table with a row for each stiffness on each stretch of road.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -306,14 +314,16 @@ def print_all(result: Result, notes: list[str], written: Files) -> None:
 
 
 def print_answer(result: Result, notes: list[str], written: Files, has_report: bool) -> None:
-    """Print the answer, every warning and, as far as MAX_LINES allows, the latest events
-    and the first notes. Then print the number of events and notes that are not shown.
+    """Print the answer: for the last stretches of road, the value of each stiffness and
+    whether it is usable. Then print every warning and, as far as MAX_LINES allows, the
+    latest events (change of the road, sensor fault, sliding) and the first notes. Then
+    print the number of events and notes that are not shown.
 
     Warnings and notes go to standard error."""
     found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])
     warnings = [f"warning: {line}" for line in result.cautions]
-    # if channels contradict each other, the contradiction causes the reported events, so
-    # they are not printed
+    # If channels contradict each other, the filter attributes the contradiction to
+    # changes and faults that did not happen. Therefore its events are not printed
     events = [*(() if result.warnings else result.events), *found[:1]]
     plain = [f"note: {n}" for n in notes]
     folded = {text: fold(text) for text in (*warnings, *events, *plain)}

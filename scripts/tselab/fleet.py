@@ -119,7 +119,8 @@ def fleet(
     Each log is estimated as 'tselab estimate' does it, with the option --signals or,
     without the option, with the signals.toml in the folder of the log. 'tselab signals
     --help' lists the formats. Each drive starts from the learnt state of the previous
-    drive of the same car. The order of the drives follows from the start time in the log
+    drive of the same car: the stiffness, grip, sensor biases and steering that the filter
+    has estimated in it. The order of the drives follows from the start time in the log
     (MF4, MDF, BLF, MCAP). If a log has no start time, the date in its name or in the name
     of its folder is used. If there is no such date, the modification time of the file is
     used. Several cars run in parallel.
@@ -147,8 +148,8 @@ def fleet(
     DIR/calibrated/     for each car without calibrated stiffness, a vehicle file with
                         calibrated stiffness, from at most ten minutes of the first four
                         logs of the car. The learnt state of the car is valid only with
-                        this file. With --no-learn each log has its own calibration;
-                        with --no-calibrate there is no calibration
+                        this vehicle file. With --no-learn each log has its own
+                        calibration; with --no-calibrate there is no calibration
     DIR/logs/           results of the logs that are done. If the command is run again,
                         even after it was killed, it reads these results, and estimates
                         only logs that are new or have changed

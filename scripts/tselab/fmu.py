@@ -76,8 +76,9 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            # stays false, its start value. If it were true, the FMU would use the
-            # parameters of the simulated car for all parameters that are not set
+            # This parameter is left out, so it keeps its start value, false. The FMU then
+            # uses the values of an ordinary car for all parameters that are not set. If
+            # it were true, the FMU would use the values of the simulated car for these
             continue
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
@@ -158,9 +159,9 @@ def build(
 
     Without --platform and --all-platforms, each FMU has only the binary for this machine,
     made by its C compiler. With them, the Python package ziglang (extra 'platforms')
-    compiles the binaries from the folder sources/ of each FMU. These binaries run on old
-    systems, too: linux64 needs glibc 2.2.5. The same sources always give the same files,
-    byte for byte. Files are written only after everything was built.
+    compiles the binaries from the folder sources/ of each FMU. These binaries also run on
+    old systems: linux64 needs only glibc 2.2.5. The same sources always give the same
+    files, byte for byte. Files are written only after everything was built.
 
     By default there are two files for each model: one for FMI 2.0, which most tools read,
     and one for FMI 3.0, because an FMU can only be of one version. The results of the two

@@ -40,14 +40,15 @@ class Platform:
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
-        """Return the targets for which the binary is compiled. FMI 3.0 has a separate
-        folder for each processor, so that its binary is for one target only, the first.
-        FMI 2.0 has one folder for all processors of a system."""
+        """Return the targets of zig for which the binary of this platform is compiled. An
+        FMU of FMI 3.0 has a separate folder for each processor, so the binary is for one
+        target only, the first. An FMU of FMI 2.0 has one folder for all processors of a
+        system, so one binary is for all targets."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
-# The targets of Linux name the oldest version of glibc that exists for the processor, so
-# that old systems can load the binaries, too.
+# The targets of Linux name the oldest version of glibc that exists for the processor.
+# Systems with this or any later version of glibc can load the binaries.
 PLATFORMS = {
     p.name: p
     for p in (

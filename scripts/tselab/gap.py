@@ -141,13 +141,14 @@ def run(**given: Any) -> int:
 
     The single-track model is simulated with the logged steering angle and wheel speeds.
     The simulated accel_x, accel_y and yaw_rate are compared with the measured ones.
-    First, stiffness of the car and bank and grade of the road are fitted together. If
-    bank or grade can be determined from the logs, the simulation uses them. All laps of
-    the same road, also in held-out logs, have the same bank and grade. With --road, bank
-    and grade are read from ROAD.csv and not fitted. Then sets of effects of the
-    catalogue, and delays of channels, are compared by their Bayesian evidence. A noise
-    model describes residuals that no effect explains. An effect is named if its
-    probability is at least 90 %. Held-out logs do not influence the verdict.
+    First, the stiffnesses of the car are fitted together with bank and grade of the road.
+    If the logs determine bank or grade, the simulation uses the fitted values. Otherwise
+    the simulated road is level. All laps of the same road, also in held-out logs, have
+    the same bank and grade. With --road, bank and grade are read from ROAD.csv and not
+    fitted. Then sets of effects of the catalogue, and delays of channels, are compared by
+    their Bayesian evidence. A noise model describes residuals that no effect explains. An
+    effect is named if the probability that the model lacks it is at least 90 %. Held-out
+    logs do not influence the verdict.
 
     \b
     DIR/verdict.json           the verdict as JSON
@@ -164,10 +165,10 @@ def run(**given: Any) -> int:
                                blocks of 40 ms
     DIR/gap.png                the residuals as a picture (if matplotlib is installed)
 
-    Exit code: 0 no effect is missing that these logs could show; 10 an effect is named;
-    11 an effect is possible: its probability is below 90 %, or an effect with similar
-    residuals cannot be excluded; 20 something is missing that is not in the catalogue; 2
-    bad input; 130 Ctrl-C.
+    Exit code: 0 nothing is missing, as far as these logs can show; 10 an effect is named;
+    11 an effect is uncertain: the probability that the model lacks it is below 90 %, or a
+    different effect explains the same residuals; 20 something is missing that is not in
+    the catalogue; 2 bad input; 130 Ctrl-C.
     """
     return _run(**given)
 
@@ -274,9 +275,10 @@ def check(
     \b
     tselab gap check log_*.csv --vehicle car.toml
 
-    The table has for every effect the smallest size that would be named, its typical
-    size, and the share of its influence that the fitted stiffness compensates. Below it
-    are the effects that would not be named, with the channels in which they would show.
+    The table has for every effect: the smallest size at which it would be named; its
+    typical size; and the share of its influence on the channels (mean square) that the
+    fit compensates by other values of the stiffness. Below the table are the effects that
+    would not be named at their typical size, with the channels that they affect.
 
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
     part: only some effects would be named; 4 nothing usable: no effect would be named;
@@ -302,8 +304,9 @@ def check(
 @gap.command(short_help="List the effects of the catalogue.")
 @add_program_options
 def catalogue(as_json: bool, table: Path | None) -> None:
-    """List the effects of the catalogue. For each effect: its meaning, the places of the
-    model that it changes, the channels that it affects, and its typical size.
+    """List the effects of the catalogue. For each effect: its meaning, the parts of the
+    model that it changes (such as "front axle"), the channels that it affects, and its
+    typical size.
 
     \b
     tselab gap catalogue
@@ -360,10 +363,12 @@ def plan(
 
     Each manoeuvre of a library is simulated with the first effect at its typical size.
     The second effect is fitted to this simulation, together with the stiffness. The
-    difference that the fit leaves distinguishes the effects. It is printed as the log
-    likelihood ratio of the two effects in nats, for the sensor noise of the vehicle
-    file. Two effects count as distinguished from 8 nats on. Then the second effect is
-    simulated and the first is fitted, and the smaller of the two ratios counts.
+    residuals that the fit leaves distinguish the effects. With the sensor noise of the
+    vehicle file they give the log likelihood ratio of the two effects in nats. Then the
+    second effect is simulated and the first is fitted. The smaller of the two ratios is
+    printed. Two effects count as distinguished from 8 nats on. The ratio grows in
+    proportion to the length of the drive, which gives the time for which the manoeuvre
+    must be driven.
     """
     import tse
 

@@ -139,18 +139,21 @@ def live(
     Three lines show the stiffnesses, and whether each is usable. Events are printed above
     them. Ctrl-C ends the drive. The command needs the extra 'can' of the package.
 
-    signals.toml names the signal of each channel, as for a log. Without signals.toml the
-    command receives frames for 20 s, and searches them for steering angle, wheel speeds,
-    and yaw rate or lateral acceleration. It repeats this until these signals are found.
-    It prints and records the signals that it uses.
+    signals.toml names the signal of each channel, as for 'tselab estimate'. Without
+    signals.toml the command receives frames for 20 s, and searches them for steering
+    angle, wheel speeds, and yaw rate or lateral acceleration. It repeats this until these
+    signals are found. It prints and records the signals that it uses.
 
-    A row is the set of all channels at one time, interpolated. It is estimated as soon as
-    every channel has a value with a later time. The row waits for a missing channel for
-    at most one and a half periods of the channel. So the channel that arrives last
-    determines the delay of the estimates. If the bus fails, the command tries to open it
-    again every second. The command reports a bus that is silent or off, a message that is
-    no longer received, a database of a different bus, and channels that contradict each
-    other. None of these faults ends the drive.
+    A row is the set of all channels at one time. Each channel is interpolated between the
+    values before and after this time. So the row is complete, and the filter makes its
+    step, when a later value of every channel has arrived. The channel that arrives last
+    thus determines the delay of the estimates. But a row waits for at most one and a half
+    periods of a channel, and is then used without a later value of this channel.
+
+    If the bus fails, the command tries to open it again every second. The command reports
+    a bus that is silent or off, a message that is no longer received, a database of a
+    different bus, and channels that contradict each other. None of these faults ends the
+    drive.
 
     \b
     Files of the record in DIR:
@@ -170,11 +173,13 @@ def live(
     The first command repeats the estimates of the drive bit by bit. The estimates of the
     second command differ in the last digits: its rows are interpolated from all frames,
     also from frames that arrived too late for their row during the drive. If the vehicle
-    file has no calibrated stiffness, the filter uses the stiffness of an ordinary car of
-    this class. 'tselab calibrate' can then calibrate the car on the record.
+    file has no calibrated stiffness, the filter starts from the stiffness of an ordinary
+    car with the same mass, lf and lr. 'tselab calibrate' can later calibrate the car on
+    the record.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
-    bad input. Ctrl-C does not change the exit code.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part: only some are; 4
+    nothing usable: no stiffness is valid; 2 bad input. Ctrl-C ends the drive as usual and
+    does not change the exit code.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -274,7 +279,7 @@ def _read_bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 class _Lines:
     """Output of the drive. On a terminal, the lines of the estimates are at the bottom
-    and are updated in place, and sentences about events are printed above them.
+    and are updated in place. Sentences about events are printed above these lines.
 
     If standard output is not a terminal, or if `quiet` is True, only the sentences are
     printed, on standard error."""

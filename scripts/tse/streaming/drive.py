@@ -1,6 +1,10 @@
-"""Run the filter on the frames of a CAN bus while driving, and record the drive. Events,
-such as a failure of the bus, are reported to the user as sentences of text. After a
-failure of the bus the filter continues as soon as frames arrive again."""
+"""Run the filter on the frames of a CAN bus while driving, and record the drive.
+
+A channel is an input of the filter, such as yaw_rate. A row is the set of all channels at
+one time, interpolated from the signals in the frames. The filter makes one step for each
+row. Events, such as a failure of the bus, are reported to the user as sentences of text.
+After a failure of the bus the filter continues as soon as frames arrive again.
+"""
 
 from __future__ import annotations
 
@@ -58,18 +62,22 @@ REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
 # until then, a sentence informs the user that the databases describe a different bus
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
-# The channels are checked for contradictions between them. FIRST_CHECK: [s] time of the
-# first check. CHECKED: [s] time between two checks
+# At intervals, check_car() compares the channels with each other. It finds
+# contradictions, such as a yaw rate with the wrong sign or unit. FIRST_CHECK: [s] time in
+# the record of the first check. CHECKED: [s] time between two checks
 FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
-# [s] LISTENED: time for which frames are collected before each proposal of signals.
-# MAX_LISTENED: max time between the first and the last of the frames that are kept for
-# the proposals
+# If the user names no signals, propose() searches the received frames for the signal of
+# each channel. LISTENED: [s] time for which frames are collected before the first search,
+# and between two searches. MAX_LISTENED: [s] max time between the first and the last of
+# the frames that are kept for the searches
 LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2  # [s] max time from first to last frame of a piece (_cut_pieces())
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
-# EVENT_SEARCH_TIME: [s] rows are searched for events if they are younger than this.
-# MIN_EVENT_AGE: [s] age that an event must have before it is reported
+# The filter finds changes of the stiffness, faults of sensors, and sliding.
+# EVENT_SEARCH_TIME: [s] the rows of this last part of the drive are searched for these
+# events. MIN_EVENT_AGE: [s] A change is reported when it began more than this time ago. A
+# fault or sliding is reported if it lasts longer than this
 EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
@@ -171,8 +179,8 @@ class Reader(threading.Thread):
         next attempt to open it."""
         if self._bus is not None and not self._ended.is_set():
             self._say(
-                f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on, and tries "
-                "to open the bus again each second"
+                f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on; "
+                "there is an attempt to open the bus again each second"
             )
         try:
             if self._bus is not None:
@@ -282,8 +290,8 @@ class DriveState:
     time: float = 0.0  # [s] time of the last row
     # [s] delay from the arrival of a frame to the estimate: max over the last second
     delay: float = 0.0
-    # [s] delay of each row, from the arrival of a frame to the estimate. Rows that waited
-    # for a proposal of signals are left out
+    # [s] delay of each row, from the arrival of a frame to the estimate. Rows made from
+    # frames that were collected before the signals were known are left out
     delays: list[float] = field(default_factory=list)
     statuses: Counter[int] = field(default_factory=Counter)  # number of rows for each status
     contradicted: list[str] = field(default_factory=list)  # sentences on contradicting channels
@@ -303,11 +311,13 @@ class LiveDrive:
     config : Config
         Settings of the filter.
     signals : SignalsFile or None
-        Assignment of signals to channels; None: it is proposed from the received frames.
+        Assignment of signals to channels; None: propose() derives it from the received
+        frames.
     folder : Path or None
         Folder in which the drive is recorded; None: it is not recorded.
     learnt : Learnt, optional
-        Learnt state of an earlier drive.
+        State that the filter saved after an earlier drive (stiffness, grip, sensor biases
+        and steering), from which this drive starts.
     rate : float, optional
         [Hz] Rate of the rows. By default, the rate of the fastest channel, at most 100.
     say : callable
@@ -358,7 +368,7 @@ class LiveDrive:
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
         self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
-        # the columns listed in SUMMARY of every `_stride`-th written row, in blocks
+        # every `_stride`-th written row, in blocks, with the columns listed in SUMMARY
         self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
@@ -484,7 +494,9 @@ class LiveDrive:
 
     def _count(self) -> tuple[int, dict[int, int]]:
         """Return the number of frames whose identifier is in a database, and for each
-        other identifier the number of its frames. Used until the signals are known."""
+        other identifier the number of its frames. The stream counts both as soon as there
+        is one. This function is used before that, while the signals of the channels are
+        not known."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
@@ -492,8 +504,9 @@ class LiveDrive:
     # ---- proposed signals
 
     def _listen(self, came: Sequence[Arrived], now: float) -> None:
-        """Collect frames. At intervals start a thread that proposes signals from them.
-        When it has found the signals, begin to make rows."""
+        """Collect frames. At intervals start a thread that searches the collected frames
+        for the signal of each channel. When the thread has found the signals, begin to
+        make rows."""
         self._listened += came
         if self._listened and self._listened[-1].frame.time - self._listened[0].frame.time > MAX_LISTENED:
             del self._listened[: len(self._listened) // 2]
@@ -512,7 +525,8 @@ class LiveDrive:
             self._proposing.start()
 
     def _propose(self, came: list[Arrived]) -> None:
-        """Propose signals from the received frames. Runs in a separate thread."""
+        """Search the received frames for the signal of each channel, and write the result
+        to frames.signals.toml. Runs in a separate thread."""
         try:
             notes: list[str] = []
             bus = Bus(Path("the bus"), self.databases, ReadOptions())
@@ -529,8 +543,8 @@ class LiveDrive:
             missing = [c for c in proposal.missing if c not in ("accel_x",)]
             if missing:
                 self.say(
-                    f"not found so far: {', '.join(missing)}; more frames are needed, drive some "
-                    f"bends{_find_nearest(proposal, missing)}"
+                    f"no signal found so far for {', '.join(missing)}: drive some bends, so that the next "
+                    f"search has more frames to compare{_find_nearest(proposal, missing)}"
                 )
                 return
             path = self.record.folder / "frames.signals.toml"
@@ -539,15 +553,15 @@ class LiveDrive:
             for g in proposal.guesses:
                 self.say(f"proposed: {format_headline(g)}")
             self.say(
-                f"the signals are guessed by names, units and physics: check {path}, and give it with "
-                "--signals for the next drive"
+                f"the signals are guessed by names, units and physics: check the file {path}, and give this "
+                "file with --signals for the next drive"
             )
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
         except Exception as error:  # report any error: otherwise the user would wait for signals in vain
             self._say_once(
-                f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); the next "
-                "attempt uses more frames"
+                f"the search for signals failed ({type(error).__name__}: {str(error)[:100]}): the next "
+                "search uses more frames"
             )
 
     def _begin_with(self, signals: SignalsFile) -> None:
@@ -580,9 +594,10 @@ class LiveDrive:
         if self.drive.contradicted:
             mark_implausible(outputs)
         took = time.monotonic()
-        # If rows of more than half a second are made at once, their frames were collected
-        # while signals were proposed. The delay of these rows is not a delay of the
-        # filter, so it is not counted.
+        # Before the signals are known, frames are only collected. Then rows are made from
+        # all of them at once. Normally one call makes a few rows. So if one call makes
+        # the rows of half a second or more, their frames were waiting for the signals.
+        # This wait is not a delay of the filter, so these rows are not counted.
         if came and len(times) < 0.5 / self.config.sample_time:
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
@@ -647,8 +662,8 @@ class LiveDrive:
             if gone and c not in self._silent:
                 self._silent[c] = last
                 self.say(
-                    f"{c}: no value for a second (message {stream.find_message(c)}): the channel is missing "
-                    "until the next value"
+                    f"{c}: no value for a second (message {stream.find_message(c)}): the filter runs without "
+                    "this channel until its next value"
                 )
             elif not gone and c in self._silent:
                 self.say(
@@ -694,8 +709,9 @@ class LiveDrive:
     # ---- events
 
     def _look_back(self) -> None:
-        """Report the changes, faults and sliding that the filter has found in the last
-        EVENT_SEARCH_TIME seconds, each only once."""
+        """Report the changes of the stiffness, the faults of sensors, and the sliding
+        that the filter has found in the last EVENT_SEARCH_TIME seconds, each only
+        once."""
         tail: list[dict[str, Any]] = []
         for x in reversed(self._table):
             tail.insert(0, x)
@@ -712,7 +728,7 @@ class LiveDrive:
             goes_on = s.end > self.drive.time - MIN_EVENT_AGE
             if s.end - s.start > MIN_EVENT_AGE and not self._is_reported(s.name, s.start, s.end):
                 self.say(
-                    f"{s.name} since {s.start:.2f} s, {regimes.format_percent(s.probability)}"
+                    f"{s.name} since {s.start:.2f} s, probability {regimes.format_percent(s.probability)}"
                     if goes_on
                     else s.label
                 )
@@ -761,8 +777,10 @@ class LiveDrive:
     # ---- the answer
 
     def result(self) -> tuple[Estimates, list[Finding], list[Change], list[str]]:
-        """Return estimates, findings, changes and contradictions of the drive so far, as
-        `tselab estimate` would find them in the recorded rows."""
+        """Return the results of the drive so far, as `tselab estimate` would find them in
+        the recorded rows: the estimates; for each stretch of road a Finding (value of
+        each stiffness, and whether it is usable); the changes of the stiffness; sentences
+        on contradictions between channels."""
         table = self.table()
         sd = self.filter.uncertainty_sd() if self.filter is not None else {}
         against = list(self.drive.contradicted)
@@ -776,7 +794,8 @@ class LiveDrive:
         return est, make_findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:
-        """Return the three stiffnesses after the last row, as findings."""
+        """Return the three stiffnesses after the last row, in one Finding. Return an
+        empty list before the first row."""
         if self.last is None:
             return []
         words = {code: f.name for code, f in library().codes(REASON).items()}
@@ -844,8 +863,9 @@ class LiveDrive:
 
 
 def _has_event(x: dict[str, Any]) -> bool:
-    """Return whether the rows have an event: a change in the last EVENT_SEARCH_TIME
-    seconds, or a fault or sliding whose probability is at least MIN_EVENT_PROBABILITY.
+    """Return whether the rows have an event: a change of the stiffness in the last
+    EVENT_SEARCH_TIME seconds, or a fault of a sensor or sliding of the wheels with a
+    probability of at least MIN_EVENT_PROBABILITY.
 
     `x`: columns of the rows."""
     if "change_kind" not in x or not len(x["time"]):
@@ -881,7 +901,8 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint for the first channel in `missing` that has a similar signal: the
-    most similar signal. Empty: no channel has a similar signal."""
+    """Return a hint for the first channel in `missing`, to append to a message: the
+    signal whose name and unit resemble those of the channel most, and why it was
+    rejected. If no signal resembles the channel, the hint states this."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
-    return f" (nearest: {said[0]})" if said else ""
+    return f" (most similar signal: {said[0]})" if said else ""

@@ -72,7 +72,8 @@ class Page:
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
 
     def add(self, times: np.ndarray, outputs: np.ndarray) -> None:
-        """Store rows for the page.
+        """Store rows for the page. A row that follows the last stored row by less than
+        SHOWN seconds is left out, because the page does not need more rows.
 
         `times`: (rows,) [s]. `outputs`: (rows,) outputs of the library."""
         for t, o in zip(times.tolist(), outputs, strict=True):

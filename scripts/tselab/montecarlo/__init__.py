@@ -1,5 +1,10 @@
-"""Monte-Carlo studies. Each case of a study is simulated with many seeds, and every
-estimator runs on the same simulated drives.
+"""Monte-Carlo studies: scores of estimators on simulated drives, whose true stiffness is
+known.
+
+A study is a list of cases. A case is a manoeuvre with settings of car, simulator and
+estimator, and possibly faults of the log, such as lost values. A drive of each case is
+simulated with each of many seeds of the random numbers. All estimators of the case run on
+the same drives.
 
 case.py        a case of a study, and the simulation of one of its drives
 studies.py     manoeuvres, faults of logs, and the cases of all studies

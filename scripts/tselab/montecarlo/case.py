@@ -1,5 +1,9 @@
-"""A case of a study, and the simulation of its drives. A drive is simulated once for each
-seed, and every estimator runs on it."""
+"""A case of a study, and the simulation of its drives.
+
+A case is a manoeuvre with settings and faults of the log (class Case). For each seed of
+the random numbers, the case is simulated once. The result is a drive, and all estimators
+of the case run on it.
+"""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -11,9 +15,9 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Settings of all cases. The initial stiffness is 70 % of nominal. The car has front-wheel
-# drive, because all manoeuvres have torque on the front axle. Exact kinematics is off,
-# because the model of the paper, equations (1) to (4), does not have it
+# Settings of all cases. The estimators start from 70 % of the nominal stiffness. The car
+# has front-wheel drive, because all manoeuvres have torque on the front axle. Small
+# angles are assumed (exact_kinematics_share 0), as in equations (1) to (4) of the paper
 INITIAL_SETTINGS = {
     **{f"initial_{s}": 0.7 for s in STIFFNESS},
     "driven_axle": 1,
@@ -21,8 +25,9 @@ INITIAL_SETTINGS = {
 }
 # [s] start and end of the interval of the drive in which errors are scored by default
 SCORED_WINDOW = (15.0, 30.0)
-# Max ratio of the force of a linear tyre to the friction limit at which the tyre still
-# counts as linear
+# Max ratio of tyre force to friction limit in the linear range of a tyre. The force is
+# that of a linear tyre: stiffness * slip. Rows with a larger ratio are not scored,
+# because the paper's model has linear tyres
 LINEAR = 0.6
 
 # Types of the functions in the fields build, corrupt and draw of Case. The comments at
@@ -51,8 +56,8 @@ class Case:
     # the same arguments as `build`. None: no setting is random
     draw: Draw | None = None
     # function (times, rows, random generator) that falsifies rows of the log in place,
-    # and returns a bool for each row: True if the row is then unusable. None: the log is
-    # not falsified
+    # and returns a bool for each row. True: an estimator should report this row as not
+    # valid, and its errors in this row are not scored. None: the log is not falsified
     corrupt: Corruption | None = None
     estimators: tuple[str, ...] = ("tse",)
     windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] windows in which errors are scored
@@ -68,7 +73,7 @@ class CaseDrive:
     rows: np.ndarray  # the log, as inputs of the library
     truth: np.ndarray  # outputs of the simulator
     road: np.ndarray  # factor of the road on every stiffness, for each row
-    corrupted: np.ndarray  # (rows,) whether the row was falsified so that it is unusable
+    corrupted: np.ndarray  # (rows,) result of Case.corrupt; False if the log is not falsified
     about: dict[str, float]  # settings of the case; they override settings of the user
     config: Config  # settings of the estimator "tse"
     car: Config  # true parameters of the car

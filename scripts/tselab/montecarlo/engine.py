@@ -114,8 +114,9 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
 
 
 def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDrive, np.ndarray]:
-    """Repeat the run of estimator `name` on a case with a seed, for a picture. Return the
-    drive, and the estimates of all its rows."""
+    """Repeat the run of estimator `name` on a case with a seed, because a picture needs
+    the estimates of all rows, and only scores are stored. Return the drive and these
+    estimates."""
     d = simulate_case(case, seed, lambda about: configure_unit("tse", plan, about), plan.sim_settings)
     return d, estimators.run_estimator(name, d, configure_unit(name, plan, d.about))
 
@@ -143,7 +144,8 @@ def run_study(
     scores. A line that is incomplete because the study was stopped has a wrong
     checksum, and is ignored. The file may also have lines from runs with other settings
     or with an earlier version of the code. These lines are not used, but they stay in
-    the file. If the earlier settings or code return, these runs need not be repeated."""
+    the file. If the study is later run with those settings or that code again, their
+    scores are read, and the runs are not repeated."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:

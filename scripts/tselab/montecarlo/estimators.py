@@ -14,9 +14,10 @@ from tselab.montecarlo import peers
 from tselab.montecarlo.case import INITIAL_SETTINGS, CaseDrive
 from tselab.montecarlo.peers import Known
 
-# Variants of the robust form that were tried and not chosen. The study "robust" compares
-# them with the robust form. The estimator of a variant is called robust-NAME. Key: NAME.
-# Value: description, and the settings in which the variant differs from the robust form.
+# Variants of the robust filter (--form robust: the paper's filter with settings that keep
+# it from diverging) that were tried and not chosen. The study "robust" compares them with
+# the robust filter. The estimator of a variant is called robust-NAME. Key: NAME. Value:
+# description, and the settings in which the variant differs from the robust filter.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
         "a single forgetting factor of 0.99, as in equation (17)",
@@ -38,13 +39,12 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")  # the extended Kalman filters of peers.py
-FORM_OF_ESTIMATOR = {
-    "robust": "robust",
-    "paper": "paper",
-    "printed": "paper",
-}  # key: estimator; value: form of its settings
-# Settings in which "printed" differs from "paper": it starts at the speed of Sec. IV-A of
-# the paper, and integrates by the Euler method
+# Key: estimator. Value: its form. A form is a set of settings that selects a filter of
+# the library: "default", "robust" or "paper" (option --form of `tselab estimate`)
+FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}
+# Settings in which the estimator "printed" differs from "paper". "printed" starts at the
+# speed of Sec. IV-A of the paper, not at that of the wheels, and integrates by the Euler
+# method
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
@@ -57,9 +57,9 @@ TEXTS = {
 
 
 def get_overrides(name: str) -> dict[str, float]:
-    """Return the settings in which an estimator differs from its form. For example,
-    'robust-100' is the form "robust" with 100 particles. Raise UserError if the name is
-    unknown."""
+    """Return the settings that the name of an estimator gives in addition to those of its
+    form (FORM_OF_ESTIMATOR). For example, 'robust-100' is the robust filter with 100
+    particles. Raise UserError if the name is unknown."""
     if is_yours(name):
         _load_yours(name)
         return {}
@@ -81,8 +81,10 @@ def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
     """Return the settings of an estimator. They are set in this order, and a later value
-    overrides an earlier one: INITIAL_SETTINGS, settings of the form, settings of the user
-    (`settings`), settings of the case (`about`), settings of the estimator itself."""
+    overrides an earlier one: INITIAL_SETTINGS, settings of the form (FORM_OF_ESTIMATOR;
+    `form` for estimators that are not in it), settings of the user (`settings`), settings
+    of the case (`about`), settings that the name of the estimator gives
+    (get_overrides())."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
     return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})
@@ -141,15 +143,15 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
 
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
-    """Return the values of a drive that an extended Kalman filter gets: true noise sds,
-    forgetting factor, and times at which the road changes.
+    """Return the true values of a drive that an extended Kalman filter of peers.py gets:
+    noise sds, spread of the stiffness, and times at which the road surface changes. The
+    result also contains the forgetting factor.
 
-    In the simulation, the spread (sd of a stiffness from sample to sample) is
-    proportional to the stiffness, with a fixed ratio. `changes`: True for the filter
-    "known", which uses the times at which the road changes. The filter "known" gets the
-    ratio, and multiplies it in each row by the estimated stiffness. The filter "ekf"
-    assumes a constant spread, so here the ratio is multiplied by the initial
-    stiffness."""
+    The spread is the sd with which a stiffness varies from sample to sample. In the
+    simulation, the ratio of spread to stiffness is constant. The filter "known"
+    (`changes` True) gets this ratio. In each row, the filter multiplies it by the
+    estimated stiffness. The filter "ekf" (`changes` False) assumes a constant spread, so
+    it gets the ratio multiplied by the true stiffness at the start."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

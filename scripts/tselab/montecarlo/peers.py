@@ -34,9 +34,9 @@ LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
-# The filter "known" assumes that a change of the road multiplies each stiffness by
-# 1 + a + b. a has the sd COMMON, and the same value for all three stiffnesses. b has the
-# sd OWN, and an independent value for each stiffness
+# The filter "known" assumes that a change of the road surface multiplies each stiffness
+# by 1 + a + b. a has the sd COMMON, and the same value for all three stiffnesses. b has
+# the sd OWN, and an independent value for each stiffness
 COMMON, OWN = 0.4, 0.1
 PEER_DTYPE = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
@@ -51,7 +51,8 @@ class Known:
 
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
-    # forgetting factor for one nominal sample time; the filter "known" does not use it
+    # forgetting factor of the mean stiffness per setting sample_time; the filter "known"
+    # has no forgetting, and does not use it
     forgetting: float = 0.99
     # steering angle between two rows. True: constant; False: it changes linearly
     held: bool = False
@@ -122,14 +123,22 @@ def _hold_inputs(u: np.ndarray) -> np.ndarray:
 def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two masks: the rows at which the states restart, and the measurements that
+    """Return two masks: the rows in which the states restart, and the measurements that
     are used in each row. The rules are the same as in tse.
 
-    At low speed, in reverse and with a large steering angle the model is not valid, and
-    no measurement is used. No measurement is used either in a row without steering angle
-    or wheel speed (`known` False). The states restart in each row at low speed, in each
-    row that is more than max_gap after the last row with inputs, and in the first row
-    after such rows."""
+    A restart sets the speed to that of the wheels, the lateral velocity to 0, and the yaw
+    rate to that of the gyro. The states restart
+    - in the first row,
+    - in each row below hold_speed, and in the first row after such rows,
+    - in each row without inputs (steering angle and wheel speeds; `known` False) that is
+      more than max_gap after the last row with inputs, and in the first row after such
+      rows,
+    - in each row that is more than max_gap after the previous row.
+
+    At low speed, in reverse and with a large steering angle the model is not valid, so no
+    measurement of such a row is used. In a row without inputs, the filter runs with the
+    last known inputs (_hold_inputs()), which may be wrong, so no measurement of such a
+    row is used. A measurement outside its range is never used."""
     time = np.cumsum(dt)
     slow = np.minimum(u[:, 1] * c.wheel_radius_front, u[:, 2] * c.wheel_radius_rear) < c.hold_speed
     last = np.maximum.accumulate(np.where(known, np.arange(len(time)), -1))
@@ -137,15 +146,18 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    # a restart sets the yaw rate of the state to the measured yaw rate. An update with
-    # the same measurement would use it twice
+    # A restart computes the yaw rate of the state from the measured yaw rate. An update
+    # with the same measurement would use it twice
     usable[restart, 2] = False
     return restart, usable
 
 
 def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return f(x, w) and its partial derivatives with respect to the twelve states,
-    computed by complex steps."""
+    """Return f(x, w) and its partial derivatives with respect to the twelve states
+    z = (x, mu, b, eps), computed by complex steps.
+
+    w = mu + eps, so the derivatives with respect to mu and to eps are those with respect
+    to w. f does not depend on the biases b, so these derivatives are 0."""
     step = 1j * TINY * np.eye(6)
     y = f(x[:, None] + step[:3], w[:, None] + step[3:])  # type: ignore[operator]
     d = y.imag / TINY

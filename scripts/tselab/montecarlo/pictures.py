@@ -206,8 +206,8 @@ def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
 
 
 def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Draw true and estimated stiffness relative to nominal, and the sd of the estimate.
-    The initial estimate of this drive is 20 % too low."""
+    """Draw true and estimated stiffness relative to nominal, and the estimate minus and
+    plus its sd. In this drive the estimate starts 20 % too low."""
     mean, sd = y[key], y[f"{key}_sd"]
     axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, mean, color=RED, label="stiffness")
