@@ -40,8 +40,8 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
     First, double lane changes are simulated and estimated, and the estimates are compared
     with the truth. During the drive the road surface changes: every stiffness drops to
-    70 % of nominal. Files: vehicle.toml, filter.toml, log.csv,
-    truth.csv, est.csv, report.html and, with matplotlib, demo.png.
+    70 % of nominal. Files: vehicle.toml, filter.toml, log.csv, truth.csv, est.csv,
+    report.html and, with matplotlib, demo.png.
 
     Second, the same drive is written as an MF4 with signal names, units, rates and
     latencies as on the bus of a car, and is estimated from this file. Files in the folder
