@@ -33,8 +33,9 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real cos_d = r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
   const tse_real v = z->use[axle] ? r_mul(rear ? TSE_R(1) : cos_d, z->z[axle]) : x[VX];
   const tse_real r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
-  /* slip angles as in a steady turn, in which each axle carries its share of
-   * the lateral acceleration */
+  /* Initial slip angles, from which the initial v_y follows below: those of a steady
+   * turn. In it the force of each axle is its share of the mass (lr/wheelbase in front,
+   * lf/wheelbase in the rear) times the lateral acceleration v r. */
   const tse_real across = r_mul(v, r);
   const tse_real wheelbase = c->lf + c->lr;
   const tse_real y_front = r_mul(across, r_div(c->lr, wheelbase));

@@ -8,8 +8,10 @@
  *   update.c          update with the sensors of the row, one after the other
  *   velocity.c        update with measured velocities
  *   scalar.c          update with one scalar measurement
- *   events.c          hypotheses of what may have happened: their kinds and probabilities
- *   faults.c          find channels that are frozen, or no longer at fault
+ *   events.c          hypotheses of events (changed road or tyres, sliding wheels, a
+ *                     channel at fault), and their probabilities
+ *   faults.c          find frozen channels, and measure for how long a channel at fault
+ *                     has agreed with the prediction again
  *   sensitivities.c   sensitivities of the state to events and consider parameters
  *   slip_stiffness.c  slip stiffness without the longitudinal model error
  *   plausible.c       test whether the channels agree: wrong units, signs, axles
@@ -18,9 +20,10 @@
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether all wheel speeds have increased faster than a car can accelerate.
- * Zeros in a log and outliers cause such a jump. A fast decrease is possible,
- * because wheels may lock. */
+/* Return whether all wheel speeds of this row exceed those of the previous row by more
+ * than a car can accelerate in dt. There are two causes: an outlier, or the return from
+ * wrong zeros in the log to the true speed. A fast decrease is no such jump, because
+ * wheels may lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real max_rise = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -45,10 +48,13 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
       : r_abs(f->k.x[VX]);
 }
 
-/* Store the wheel speeds for the next row, and update off_for: the time for which the
- * wheel speeds still count as two signals. A row in which a wheel speed is not a copy
- * sets the time to USUAL_TIME. The time decreases while the two columns agree, or while
- * one of them is missing. Also store the ratio of the two wheel speeds. */
+/* Store the wheel speeds and their ratio. In the next row find_one_speed() (row.c) needs
+ * them to decide whether the wheel speeds of both axles are copies of one signal.
+ *
+ * Also update off_for [s] of each axle: the remaining time for which its wheel speed
+ * counts as a signal of its own. A row in which this wheel speed has a new value that is
+ * no copy of the other one sets the time to USUAL_TIME. The time decreases while the two
+ * wheel speeds agree, or while one of them is missing. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -65,8 +71,9 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
   if (has[1]) f->v_rear = z->axle[1];
 }
 
-/* Update the number of recent gaps. A gap adds 1 to it. Between gaps the number decays
- * with the time constant USUAL_TIME. */
+/* Update the number of recent gaps. A gap lies before a row to which the motion cannot be
+ * predicted from the previous row. Each gap adds 1 to the number. In rows without a gap
+ * the number decays with the time constant USUAL_TIME. */
 static void count_gaps(tse_filter *f, int gap, tse_real dt)
 {
   const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
@@ -74,13 +81,13 @@ static void count_gaps(tse_filter *f, int gap, tse_real dt)
 }
 
 /* Store the wheel speeds for the next row, and advance the timers [s]:
- *   held_for    since the last row with a steering angle
- *   rolled_for  since the last row with a wheel speed
- *   still_for   since the wheels have stopped
- *   off_for     remaining time for which wheel speeds that have differed count as two
- *               signals
- * If held_for exceeds the setting max_gap, or rolled_for exceeds ROAD_TIME, the motion is
- * lost. It stays lost until a row has both steering angle and wheel speed again. */
+ *   held_for    time since the last row with a steering angle
+ *   rolled_for  time since the last row with a wheel speed
+ *   still_for   time since the wheels have stopped
+ *   off_for     see keep_speeds()
+ * If held_for exceeds the setting max_gap, or rolled_for exceeds ROAD_TIME, the motion of
+ * the car is lost, i.e. unknown. It stays lost until a row has both steering angle and
+ * wheel speed again. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -91,7 +98,8 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   keep_speeds(p, f, z);
 }
 
-/* Classify the row.
+/* Classify the row (row_class in filter.h). The class decides whether the motion is
+ * predicted to this row, which status the row has, and which estimates are valid.
  *   Given:    f    with timers that include this row
  *             gap  1: the motion cannot be predicted from the previous row to this one
  *   Updated:  f->way  log odds of reverse, see rolls_backwards() */
@@ -134,8 +142,9 @@ static int is_state_finite(const tse_kalman *k)
   return fine;
 }
 
-/* Return whether a vector of the filter has an element near saturation (fixed
- * point only; number/vector.h). */
+/* Return whether a vector of the filter has an element near saturation. If so, the row
+ * has the status TSE_W_RANGE. In double and float elements do not saturate, and the
+ * result is 0 (r_near_end() in number/vector.h). */
 static int is_near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
@@ -168,10 +177,14 @@ static tse_status find_status(
   return status;
 }
 
-/* Process a row without a prediction of the motion. Predict only the slow states, and
- * update the gyro bias at standstill. If the motion is not lost, initialise it from wheel
- * speeds and gyro. Until the filter has started, each row initialises the motion and
- * nothing is predicted. */
+/* Process a row in which the motion is not predicted. There are these cases: the car is
+ * slow, in reverse or steers by a large angle; the motion cannot be predicted from the
+ * previous row; the motion is lost; the filter has not started yet.
+ *
+ * Initialise the motion from wheel speeds and gyro, unless it is lost. Predict the slow
+ * states only, and update the gyro bias at standstill. The filter starts with the first
+ * row that has both steering angle and wheel speed. Until then the slow states are not
+ * predicted either, and the motion is initialised in every row, even if it is lost. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -197,9 +210,10 @@ static int is_motion_known(const tse_kalman *k)
   return known;
 }
 
-/* Predict to the row, update with its measurements, and decide on events.
- * Without a steering angle no sensor is used, because a stiffness would absorb
- * the error of the angle. */
+/* Predict to the row, update with its measurements, and decide on events. If the row has
+ * no steering angle, predict with the last angle, and use no sensor. Otherwise the filter
+ * would take the difference between the last and the true angle for a change of the
+ * stiffness. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   const steering angle = predict_row(p, k, z);
@@ -260,8 +274,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);
   const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
-  /* The steering angle was missing in the last rows. The car may have turned in this
-   * time, so the next row with a steering angle initialises the motion. */
+  /* 1: for more than BLIND_ROWS sample times no row before this one had a steering angle.
+   * The car may have turned in this time. If this row has a steering angle again, it
+   * therefore initialises the motion. */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);

@@ -10,8 +10,11 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 }
 
 /* Multiply an element of D by share^2, but leave it at least MIN_D.
- *   Returned:  factor by which to multiply its column of U, so that covariances are
- *              multiplied by share: 1/share, or less if the element is limited */
+ *   Returned:  factor by which to multiply its column of U. Covariances contain the
+ *              product of both, and must be multiplied by share. The factor is therefore
+ *              1/share if the element has been multiplied by share^2. If MIN_D limits the
+ *              element, the factor is smaller: share times the old element / MIN_D (in
+ *              fixed point always 1/share) */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
@@ -56,8 +59,8 @@ void ud_renew(tse_ud *p, tse_real variance)
 #endif
 
 /* Add c a a' to the covariance of the extra states.
- *   Given:    up  log2 of the scale of a
- *   Updated:  a   overwritten */
+ *   Given:    up  the elements of a are stored times 2^up (fixed point only)
+ *   Updated:  a   overwritten with intermediate results */
 static void add_to_extras(tse_ud *p, tse_short *a, int up, tse_real c)
 {
   for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
@@ -77,8 +80,9 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      /* left: covariance of i and j, own: variance of i. The loop subtracts the parts
-       * that the columns of U after j contribute */
+      /* left: covariance of states i and j. own: variance of state i. The loop subtracts
+       * from both the part that the columns of U after column j contribute. These columns
+       * are already done. */
       tse_real left = cov[i][j];
       tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {
@@ -87,8 +91,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
         left -= r_mul(taken, r_long(u[j]));
         own -= r_mul(taken, r_long(u[i]));
       }
-      /* a covariance above the limit comes from correlations that contradict each other:
-       * no vector of random numbers can have them */
+      /* Limit the covariance. A covariance above the limit comes from correlations that
+       * contradict each other, so that no random vector can have all of them. */
       const tse_real limit = r_mul(MAX_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j])));
       if (i == j) p->d[first + j] = r_max(left, MIN_D);
       else column[i] = r_short(r_div(r_clamp(left, -limit, limit), p->d[first + j]));
@@ -107,12 +111,13 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
-/* Add the part of c a a' that belongs to state j to element j of D, and to column j of W
- * (rows of the extra states).
- *   Given:     up  log2 of the scale of a
- *   Updated:   a  elements of the extra states, less this part
- *              c  factor of the remainder
- *   Returned:  1 and the factors share, pull for column j of U; 0 if a_j is 0 */
+/* Do step j of the rank-one update P + c a a' (Agee & Turner): update element j of D, and
+ * column j of W, the rows of the extra states. The caller updates column j of U with the
+ * factors share and pull: a -= a_j u, then u += share a, where pull is -a_j.
+ *   Given:     up  the elements of a are stored times 2^up (fixed point only)
+ *   Updated:   a  elements of the extra states, as by the caller: a -= a_j w
+ *              c  factor of the rank-one update of the columns before j
+ *   Returned:  1; 0 if a_j is 0, so that nothing changes */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
@@ -169,17 +174,21 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], MIN_D);
 }
 
-/* Rows of F U (F: transition matrix) and of the extra states, before F U is made
- * triangular again. Each column is an independent error with its variance: the first
- * MOTION columns are the errors of the motion, the others are its process noise. */
+/* Working matrix of the time update. Its rows are the errors of the predicted motion, and
+ * of the extra states, as linear combinations of independent errors. Each column belongs
+ * to one independent error, with its variance: the first MOTION columns to the errors of
+ * the motion before the prediction, the others to the process noise. The rows of the
+ * motion are therefore (F U, identity), F being the transition matrix. orthogonalise()
+ * computes from them the new columns of U, which are triangular again. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];
 } sums;
 
-/* Multiply M by U.
+/* Compute the rows of the motion in the product F U. M has these rows of F, F being the
+ * transition matrix.
  *   Updated:   p  columns of U after those of the motion: columns of the product
- *   Returned:  s  columns of the product that belong to the motion */
+ *   Returned:  s  columns of the motion of the product, which are not triangular */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {

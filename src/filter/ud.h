@@ -38,8 +38,9 @@ static inline int ud_column(int j) { return j * (j - 1) / 2; }
  * states are in use. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
 
-/* Set the covariance of the TSE_KEPT states from `first` on, which must not correlate
- * with other states before the call. Correlations are limited to MAX_CORRELATION. */
+/* Set the covariance of the TSE_KEPT states from state `first` on, which are the states
+ * in a file of a learnt state. Before the call they must not correlate with other states.
+ * Correlations are limited to MAX_CORRELATION. */
 void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 
 /* Return the variance of state i.    O(STATES) time */

@@ -33,10 +33,11 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
   apply_correction(p, k, change);
 }
 
-/* Compute the partial derivatives of the sensor readings with respect to the consider
+/* Compute the partial derivatives of the predicted readings with respect to the consider
  * parameters of the sensors (latencies and scales), each multiplied by the sd of the
- * parameter. The derivative with respect to a latency is minus the rate of the reading.
- * The rate is the difference between this row and the previous row, divided by dt.
+ * parameter. The derivative with respect to a scale is the predicted quantity itself. The
+ * derivative with respect to a latency is minus the rate of this quantity: its change
+ * from the previous row to this row, divided by dt.
  *   Updated:   k->before  before the call: forces and speed of the previous row;
  *                         after the call: forces and speed of this row */
 static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
@@ -61,10 +62,10 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
  * force follows from the estimated slip, or from accel_x if accel_x contradicts it.
  *
  * Reason for accel_x: the estimated slip oscillates with the rotation of the wheels, and
- * with it the computed force. Without accel_x the sign of the force would change twice in
- * each rotation of the wheels. use_free_rolling() would then update the slip mostly in
- * the half rotations in which the estimated slip is too large. This would bias the
- * slip. */
+ * with it the computed force. Without accel_x the sign of the force could change twice in
+ * each rotation. use_free_rolling() updates the slip only in rows in which the car does
+ * not seem to brake. These would mostly be the half rotations in which the estimated slip
+ * is too large, and the updates would bias the slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -81,9 +82,14 @@ static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return 1 if the car does not brake, otherwise 0. The tests of events need this: while
- * the car brakes no axle rolls freely, so that the slip follows from the integral of
- * accel_x only and longitudinal channels cannot show a change of the tyres. */
+/* Return 1 if brake switch and wheel torques show that an axle rolls freely. If they do
+ * not determine this, return 1 if the car does not brake. Otherwise return 0.
+ *
+ * The tests of events need the result. While the car brakes, no axle rolls freely, so
+ * that no wheel measures the speed of the car. The speed, and with it the slip, then
+ * follow from the integral of accel_x only. An error of this integral has the same effect
+ * as a change of the tyres. Wheel speeds and accel_x are therefore no evidence for a
+ * change of the tyres in such a row. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
@@ -116,8 +122,8 @@ typedef struct prediction {
 } prediction;
 
 /* Predict the readings of all sensors.
- *   Given:    f  forces at the end of the row
- *   Updated:  k->pitch, and k->before (see compute_consider_slopes())
+ *   Given:    f  forces at the end of the row, i.e. at the time of the measurements
+ *   Updated:  k->pitch (see car_pitch()), k->before (see compute_consider_slopes())
  *   Returned: *s */
 static void predict_sensors(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, prediction *s)
@@ -139,10 +145,11 @@ static void predict_sensors(
   compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
 
-/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). The model
- * discrepancy grows with these mean squares, the excitation. Each square is multiplied by
- * (force of linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation
- * the force depends on the form of the tyre curve, which is unknown.
+/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), called the
+ * excitation. The variance of the model discrepancy is proportional to them. Near
+ * saturation the force depends on the form of the tyre curve, which is unknown, so that
+ * the discrepancy is larger. Each square is therefore multiplied by the squared ratio of
+ * the force of linear tyres to the force, within 1 .. MAX_LINEAR_RATIO.
  *
  * A constant is added to each mean square, because wind, play and uneven roads cause a
  * discrepancy even without excitation. For a_x and a_y the constant is MIN_ACTIVITY^2
@@ -165,8 +172,8 @@ static void update_activity(const tse_params *p, tse_kalman *k, const forces *f,
 }
 
 /* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. The
- * discrepancy is coloured noise with time constant MODEL_TIME and sd
- * model_sd sqrt(activity). The filter treats it as white noise, whose power density is that of the
+ * discrepancy is coloured noise with time constant MODEL_TIME. Its variance is model_sd^2
+ * activity. The filter treats it as white noise, whose power density is that of the
  * coloured noise at low frequencies. */
 static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
@@ -186,9 +193,11 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
  * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
- * (of the rear axle if the driven axle is unknown). The difference of both wheel speeds
- * contains errors of radius and slip, which are not white. If both speeds were used, the
- * filter would take their difference for a yaw rate. */
+ * (of the rear axle if the driven axle is unknown). Reason: if the car turns with steered
+ * wheels, the front axle is faster than the rear axle, and the difference depends on the
+ * yaw rate. The measured difference also contains errors of radius and slip, which are
+ * not white. If both wheel speeds were used, the filter would take these errors for a yaw
+ * rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;
@@ -234,11 +243,13 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 /* Compute the normalised innovation squared (nis) of a channel. It is 1 on average if
  * settings and model fit. Errors of state and model give the innovation e a slow part d,
  * which is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
- * process with time constant T = MODEL_TIME, and the nis is computed from e - d:
- *   d' = -d/T + noise of variance 2 V/T, V = state + model_sd^2 activity
- *   e = d + white noise
+ * process with time constant T = MODEL_TIME:
+ *   d' = -d/T + white noise of power density 2 V/T, e = d + white noise
+ * V is the variance of d: the sum of the variance due to the state and the variance of
+ * the model discrepancy, model_sd^2 activity. The nis is computed from e minus the
+ * predicted d.
  *   Given:    state  part of the variance of the innovation that is due to the state
- *   Updated:  k->nis, k->lasting (d), k->lasting_var (its variance) */
+ *   Updated:  k->nis, k->lasting (d), k->lasting_var (variance of the error of d) */
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
   tse_real *const d = &k->lasting[channel], *const var = &k->lasting_var[channel];
@@ -262,8 +273,10 @@ static void use_channel(
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  /* The noise variance is a running mean: in the first USUAL_TIME over all samples since
-   * the start, later over the last USUAL_TIME. */
+  /* learn_noise() estimates the noise variance as a running mean, over half the squared
+   * differences of successive innovations. `share` is the weight of the newest
+   * difference: in the first USUAL_TIME all samples since the start count alike, later
+   * the mean covers about the last USUAL_TIME. */
   const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME));
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;

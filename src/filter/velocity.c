@@ -33,7 +33,9 @@ enum { KEPT_HEADING = 3, KEPT };
 enum { INS_X, INS_Y, SPEED, COURSE };
 
 /* Return whether a channel measures the longitudinal speed. An error of such a channel
- * has the same effect on the innovations as a slip. */
+ * has the same effect on the innovations as an error of the slip. Such a channel is
+ * therefore not used while the slip is not estimated, and its latency is not
+ * estimated. */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
@@ -114,8 +116,10 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
 }
 
 /* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck process
- * with time constant MODEL_TIME. The sd of the process is proportional to the rms lateral
- * speed of the rear axle in the last MODEL_TIME, at least MIN_SIDEWAYS_SPEED.
+ * with time constant MODEL_TIME. The lateral speed of the rear axle is its slip angle
+ * times the speed of the car, and the model computes this slip angle with a relative
+ * error. The sd of the process is therefore proportional to the rms lateral speed of the
+ * rear axle in the last MODEL_TIME, at least MIN_SIDEWAYS_SPEED.
  *   Given:  left  exp(-dt/MODEL_TIME) */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
@@ -342,7 +346,9 @@ void velocity_update(
     m->last[c] = now;
     m->since[c] = TSE_R(0);
     /* With a single wheel speed, the slip is not estimated. A difference between wheel
-     * speed and longitudinal speed may then have other causes than slip: no update. */
+     * speed and measured longitudinal speed, which slip or an error of the radius may
+     * cause, would then wrongly change other states. The longitudinal speed is therefore
+     * not used. */
     if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);
