@@ -6,7 +6,8 @@
 #include "tse/replay.h"
 
 #define BIT_GIVEN 63           /* bit of the effects mask that belongs to no effect. It is set if the log has
-                                * disturbances, because they need the model with effects */
+                                * columns of disturbances (slip_front .. yaw_accel), because they need the
+                                * model with effects */
 
 #define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)
@@ -127,8 +128,8 @@ static tse_status check_rows(
   return TSE_OK;
 }
 
-/* Return the inputs of row i. The steering angle is the logged angle after the effects of
- * hook INPUT, for example a delay of the steering.
+/* Return the inputs of row i. The steering angle is the logged angle after the effects
+ * that act on it, for example a delay of the steering (effects_steer()).
  *   Updated:  m  memory of the effects */
 static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {

@@ -29,8 +29,10 @@ enum {
   SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0]
 };
 
-#define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque (`still` of
-                               * `wheels` in model/effects.h) */
+#define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque. At lower
+                               * speeds the torque is proportional to the speed, so that the
+                               * brake holds a standing wheel without a discontinuity (`wheels` in
+                               * model/effects.h) */
 /* Limits of the motion. A step that exceeds them is refused, before numbers overflow.
  * With torques within their range, a car of usual mass and inertia takes more than a
  * minute to reach these limits. */
@@ -164,8 +166,10 @@ static void draw_two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, 
   random_normal2(u, v, a, b);
 }
 
-/* Draw the relative stiffness from this row to the next row. It is mean (1 + spread n)
- * with n from N(0, 1), but at least a tenth of the mean. */
+/* Draw the stiffness from this row to the next row, relative to nominal:
+ *   mean (1 + spread n), n from N(0, 1), but at least a tenth of the mean
+ *   Returned:  mean   setting (true_cx_front ...) times road_level
+ *              drawn  the drawn stiffness */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
@@ -182,9 +186,10 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
-/* Return the drawn stiffness of all tyres, divided by the mass of the car. The relative
- * rear longitudinal stiffness is road_level plus `follow` times the deviation of the
- * front one from road_level. */
+/* Return the drawn stiffness of all tyres, divided by the mass of the car. The rear
+ * longitudinal stiffness is not drawn: it follows the front longitudinal stiffness.
+ * Relative to nominal it is road_level plus f times the difference between the front
+ * stiffness and road_level. f is the setting rear_longitudinal_follows_front. */
 static stiffness get_stiffness(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
@@ -229,8 +234,8 @@ static void walk_biases(tse_sim *sim, tse_real dt)
  *
  * A torque that is held between rows acts half a row later, on average, than a torque
  * that is linear between rows. An estimator assumes that wheel speeds are linear between
- * rows. If it does not model the delay of held torques, its longitudinal stiffness is 2 %
- * too small. */
+ * rows. If it has no model of this delay of the torque, it therefore estimates a
+ * longitudinal stiffness that is 2 % too small with hold_inputs. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;

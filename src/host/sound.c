@@ -26,8 +26,11 @@ static int is_start_sound(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Return whether the rows that wait for late channels are sound: consecutive rows are at
- * most max_gap + latency_least apart, and all values are in range. */
+/* Return whether the rows that wait for late channels are sound: all values are in range,
+ * and consecutive stored rows are at most max_gap + latency_least apart. Reason for this
+ * limit: a row is stored once at least latency_least has passed since the last stored
+ * row, and after a time step above max_gap the stored rows are discarded
+ * (align_row()). */
 static int are_waiting_rows_sound(const tse_params *p, const tse_alignment *m)
 {
   const tse_real max_apart = p->max_gap + p->latency_least;
@@ -189,8 +192,9 @@ static int is_shared_state_sound(const tse_filter_paper *f)
   return fine && sound_reals(f->slow, 3, -MOST_REAL, MOST_REAL);
 }
 
-#define ROUNDED TSE_R(0.00001) /* [1] tolerance for rounding: a mean of numbers up to 20 that have 24 bits may
-                                * exceed the largest of them by 2e-6 */
+#define ROUNDED TSE_R(0.00001) /* [1] tolerance for rounding: a mean of numbers with 24 bits may exceed the
+                                * largest of them by 2e-6 if they have values up to 20, the max relative
+                                * stiffness */
 
 /* Return whether the particles are sound. */
 static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)

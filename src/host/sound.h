@@ -7,16 +7,18 @@
 #include "number/vector.h"
 #include "tse/tse.h"
 
-/* Max magnitudes of the numbers of a sound state: small enough that no computation
- * with them overflows.
- *   MOST_REAL      all numbers but the following
- *   MOST_SQUARE    covariances, the memory of effects, and numbers that are divided by
- *                  the sd of a sensor, which may be as small as 1e-5
- *   MOST_VARIANCE  variances, in squared units of the state. Even if the motion is
- *                  unknown, its variances are smaller
- *   MOST_U         elements u of U: sqrt(MOST_VARIANCE/MIN_D). The part d u^2 that an
- *                  element adds to a variance is at most MOST_PART. A larger one could
- *                  overflow in float. In fixed point u is limited by its type */
+/* Max magnitudes of the numbers of a sound state: small enough that no computation with
+ * them overflows.
+ *   MOST_REAL      all numbers but those named in the next lines
+ *   MOST_SQUARE    covariances, the memory of effects, and normalised numbers, i.e. those
+ *                  divided by the sd of a sensor, which may be as small as 1e-5
+ *   MOST_VARIANCE  variances, in squared units of the state. The variances of the motion
+ *                  are smaller even if the motion is unknown
+ *   MOST_U         elements u of U in a covariance U D U': sqrt(MOST_VARIANCE/MIN_D). In
+ *                  fixed point u is limited by its type
+ *   MOST_PART      d u^2, the part that an element u of U adds to a variance, d being the
+ *                  element of D of the same column. A larger part could overflow
+ *                  in float */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
