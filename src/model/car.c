@@ -76,9 +76,10 @@ void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[
 /* Compute the partial derivatives of the forces with respect to states and consider
  * parameters. Load transfer, steering compliance, and the influence of the grip on
  * longitudinal saturation are neglected.
- *   Given:     t             forces of the tyres at x
- *              ax, ay        force of the front axle, in the axes of the car
- *              sin_d, cos_d  of f, with rate
+ *   Given:     t       forces of the tyres at x
+ *              ax, ay  [m/s2] longitudinal and lateral force of the front axle, in the
+ *                      axes of the car
+ *              f       forces at x: the members steer, rate, sin_d, cos_d and yaw
  *   Returned:  by_x, by_y, by_yaw of f */
 static void compute_force_slopes(
     const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
@@ -181,13 +182,16 @@ static void add_slope(tse_short *row, int j, tse_real more)
 /* Advance velocities and roll by a substep h. Advance their partial derivatives M by the
  * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
- * The slip angles in the forces f follow from the velocities at the start of the substep.
- * Until mid-step the slip angles also respond to the change of the velocities in this
- * substep, and this response is added here. Without it the error of the scheme would be
- * of first order whenever the relaxation of the slip angles is shorter than a substep.
- *   Given:    f       forces at mid-step
- *             follow  [s/m] share by which the slip angles approach the kinematic slip
- *                     angles in half a substep, divided by the speed
+ * The slip angles in the forces f are those at mid-step, but computed with the velocities
+ * at the start of the substep. The velocities change until mid-step, and with them the
+ * slip angles and the forces. Here the forces are corrected by this change. Without the
+ * correction the error of the scheme would be of first order whenever the relaxation of
+ * the slip angles is shorter than a substep.
+ *   Given:    f       forces at mid-step, without this correction
+ *             follow  [s/m] magnitude of the change of a slip angle within half a
+ *                     substep, per lateral speed of the axle: share by which the slip
+ *                     angles approach the kinematic slip angles in this time, divided by
+ *                     the speed of the car
  *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])

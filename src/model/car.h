@@ -246,8 +246,9 @@ void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[
 /* Compute the time derivatives of v_x, v_y and yaw rate at the state x.
  *   Given:     f              car_forces() at x
  *   Returned:  rate[3]        [m/s2] [m/s2] [rad/s2]
- *              by[3][PLACES]  by[i][k]: partial derivative of rate[i] with respect to the
- *                             state at place k */
+ *              by[3][PLACES]  by[i][k]: partial derivative of rate[i] with respect to
+ *                             state k or, from k = STATES on, to consider parameter
+ *                             k - STATES */
 void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3],
     tse_real by[3][PLACES]);
 
@@ -262,7 +263,8 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
  *              pitch  [m/s2] part of accel_x due to pitch, from car_pitch(), or 0
  *   Returned:  z[TSE_SENSORS]          accel_x, accel_y [m/s2]; yaw_rate [rad/s]; wheel
  *                                      speed times radius, front and rear [m/s]
- *              H[TSE_SENSORS][PLACES]  partial derivatives of z */
+ *              H[TSE_SENSORS][PLACES]  partial derivatives of z with respect to
+ *                                      states and consider parameters */
 void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES]);
 

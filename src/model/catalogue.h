@@ -1,10 +1,11 @@
 /* model/catalogue.h - the effects of src/tables/effects.toml that act in the model, in
  * the order of that table. The comment of an effect gives its equation and its typical
- * size. The functions of an effect are named <effect>_<hook>().
+ * size. delta is the steering angle, g gravity, m the mass, I the yaw inertia.
  *
- * Only effects.h includes this file, after it has declared `point` and `reading`. The
- * effects on settings (hook CONSTANT) are in effects_constant.h. delta is the steering
- * angle, g gravity, m the mass, I the yaw inertia. */
+ * The functions of an effect are named <effect>_<hook>(). A hook is the place in
+ * effects.h at which a function is called. The effects of hook CONSTANT change only
+ * settings, before the model runs, and are in effects_constant.h. Only effects.h includes
+ * this file, after it has declared `point` and `reading`. */
 
 /* steering_ratio: the wheels have the angle delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(
@@ -78,9 +79,10 @@ static inline void exact_kinematics_slip(point *pt)
 /* steering_compliance: the moment of the front lateral force turns the wheels back by the
  * angle c n C alpha. c is angle / moment, n the trail and C the cornering stiffness. If
  * alpha_0 is the slip angle with rigid steering, alpha is alpha_0 - c n C alpha, and
- * therefore alpha_0/(1 + c n C). C is the stiffness before the STIFFNESS effects, so that
- * saturation does not reduce the moment. A linear compliance has the same effect as a
- * softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
+ * therefore alpha_0/(1 + c n C). C is the stiffness before the effects of the hooks
+ * STIFFNESS and GRIP change it, so that load transfer and saturation do not reduce the
+ * moment. A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5
+ * degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
@@ -106,8 +108,8 @@ static inline void rear_roll_steer_remember(
 }
 
 /* relaxation: the slip angle a of a tyre follows the kinematic slip angle alpha over a
- * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m.
- * integrator.c integrates a together with the motion, as a LAG state (effects.h). */
+ * length: a' = (v/length)(alpha - a), v = max(|vx|, LOW_SPEED). integrator.c integrates a
+ * together with the motion: a is a LAG state (effects.h). Typical length 0.3 .. 0.7 m. */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
@@ -129,8 +131,8 @@ static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt
   pt->s.s_rear = lag[3];
 }
 
-/* Return the rate of longitudinal relaxation [1/s].
- *   Given:  inv  inv_front or inv_rear of the slips */
+/* Return the rate v/length of longitudinal relaxation [1/s].
+ *   Given:  inv  [s/m] 1/v: inv_front or inv_rear of struct slips */
 static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_real inv)
 {
   return r_div(TSE_R(1), r_mul(e->longitudinal_relaxation_length, inv));
@@ -160,11 +162,13 @@ static inline void combined_slip_stiffness(point *pt)
   pt->k.y_rear = r_div(pt->k.y_rear, r_sqrt(TSE_R(1) + r_mul(k, r_mul(pt->s.s_rear, pt->s.s_rear))));
 }
 
-/* tyre_saturation: the lateral force of an axle is limited to friction times load. The
- * secant stiffness is C tyre_secant(C |alpha|/(friction load)) (laws.h). C is the
- * stiffness after load transfer. Load transfer that reduces C does not reduce the max
- * force. 1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear.
- * Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
+/* tyre_saturation: the lateral force of an axle is limited to friction times the static
+ * load of the axle. The secant stiffness (force / slip angle) becomes
+ *   C tyre_secant(C |alpha|/(friction load), shape), see laws.h
+ * C is the stiffness after load transfer. Load transfer therefore reduces the force at
+ * small slip angles, but not the max force. 1/friction is multiplied by 1 + balance in
+ * front and by 1 - balance in the rear. Typical friction 1 .. 1.1, balance -0.15 ..
+ * 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -286,12 +290,16 @@ static inline void imu_lever_arm_sensor(reading *z)
 /* body_roll: the body rolls out of the turn by phi = gain x. x is the lateral specific
  * force after a second-order lag (mode_step in laws.h).
  *
- * Gravity and the acceleration of the IMU about the roll axis add g phi - height phi'' to
- * accel_y. The acceleration of the rolling mass acts on the car: m (vy' + vx r) = sum of
- * tyre forces + m coupling phi''. coupling is sprung mass / m, times the height of the
- * centre of gravity of the sprung mass above the roll axis. vy is the speed of the roll
- * axis, and vy' contains coupling phi''. `height` is therefore the height of the IMU
- * above the roll axis, minus coupling.
+ * The acceleration of the rolling mass acts on the car. With the lateral speed vy of the
+ * roll axis, and the sum F of the lateral tyre forces:
+ *   m (vy' + vx r) = F + m coupling phi''
+ * coupling is sprung mass / m, times the height of the centre of gravity of the sprung
+ * mass above the roll axis.
+ *
+ * An IMU at the height h above the roll axis measures its acceleration and a component of
+ * gravity. With the equation above:
+ *   vy' + vx r - h phi'' + g phi = F/m + g phi - (h - coupling) phi''
+ * The model therefore adds g phi - height phi'' to accel_y. `height` is h - coupling.
  *
  * Typical gain 3 .. 6 degrees per g, frequency 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 

@@ -72,14 +72,15 @@ typedef struct reading {
   tse_real dt, y[3];    /* [s]; accel_x, accel_y [m/s2], yaw_rate [rad/s] */
 } reading;
 
-/* Store the newest sample of a delay line. If the two newest samples are closer than 1/9
- * of the delay, the new sample replaces the newest one, so that TSE_DELAY_ROWS samples
- * always span the delay.
+/* Store a new sample in a delay line, and discard the oldest stored sample if the line is
+ * full. If the two most recent of the samples stored before are closer in time than 1/9
+ * of the delay, the new sample replaces the most recent one instead. The stored samples
+ * are thus far enough apart that TSE_DELAY_ROWS of them always span the delay.
  *   Given:    delay     [s] delay that the stored samples must span
  *             dt        [s] time since the last call
  *             value     new sample of each channel
  *             channels  number of channels
- *   Updated:  d         ages of the stored samples
+ *   Updated:  d         ages of the stored samples, index 0: the most recent
  *             was       stored samples of each channel */
 static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay,
     tse_real dt, const tse_real *value, int channels)
@@ -222,7 +223,8 @@ static inline void reduce_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
-/* Hook BODY: compute the forces of equation (1) with disturbances and effects.
+/* Hook BODY: compute the forces of equation (1) (vehicle_accels() in vehicle.h), with
+ * disturbances and effects.
  *   Updated:  fx_front .. fy_rear, force, gravity_x, gravity_y of pt */
 static inline void effects_forces(point *pt)
 {
@@ -297,8 +299,9 @@ static inline void effects_at(
  *   Updated:  m, pt */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* Integrate equation (7) with effects over dt in equal steps, from the evaluated point
- * `at`. The inputs change linearly from those of `at` to `to`.
+/* Integrate the equation of motion (equation (7), src/EQUATIONS.md) with effects over dt,
+ * in equal steps. The start is the evaluated point `at`. The inputs change linearly from
+ * those of `at` to `to`.
  *   Updated:  m, at  at the end of dt, evaluated */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
     int32_t steps, point *at);

@@ -85,7 +85,8 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
 }
 
 /* Return x after a first-order lag: y of T y' = x - y, integrated by the trapezoidal
- * rule. If T is less than half a step, y = x.
+ * rule. A T below half a step is replaced by half a step, because with a shorter T y
+ * would oscillate from step to step. In steady state (f->rest) y is x.
  *   Given:  time  T [s] */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {

@@ -24,8 +24,8 @@ static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int seca
   return r_abs(v) < w->still[a] ? r_div(w->brake[a], w->still[a]) : TSE_R(0);
 }
 
-/* Compute the time derivative f of the state vector, from equations (1) and (2) and from
- * the equations of the wheels and of the LAG states. */
+/* Compute the time derivative f of the state vector, from equations (1) and (2) of the
+ * paper (src/EQUATIONS.md) and from the equations of the wheels and of the LAG states. */
 static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[STATE_SIZE])
 {
   const wheels *const w = &pt->w;
@@ -40,12 +40,15 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* Factors of the matrix 1 - g h J of the integration method ROS2 (vehicle.h). gh is g h.
- * J contains only the stiff part of the Jacobian: the block of vx and both wheel speeds,
- * and the block of vy and r. The damping by a saturated tyre is computed with its secant
- * stiffness, which overestimates the damping. The LAG states a, with
- * a' = rate (alpha - a), are eliminated: if alpha changes, a changes by the share
- * b = gh rate/(1 + gh rate) of this change. The damping by the tyre is therefore multiplied by b. */
+/* Factors of the matrix 1 - g h J (1: identity matrix) of the integration method ROS2
+ * (vehicle.h). gh is g h. J contains only the stiff part of the Jacobian: the block of vx
+ * and both wheel speeds, and the block of vy and r. The damping by a saturated tyre is
+ * computed with its secant stiffness, which overestimates the damping. This keeps the
+ * step stable, and the order of the method does not depend on J.
+ *
+ * A LAG state a, with a' = rate (alpha - a), is eliminated from the equations: if alpha
+ * changes, a changes by the share b = gh rate/(1 + gh rate) of this change. The damping
+ * by the tyre is therefore multiplied by b. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
@@ -180,11 +183,14 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* Compute the change dx of the state within h by ROS2 (vehicle.h). If a wheel may lock,
- * the stages of ROS2 would jump over the change of sign of the brake torque. Then the
- * implicit Euler method is used, with the inputs at the end of h. A brake enters the
- * matrix by its secant, torque / v. All off-diagonal terms then keep their sign, so that
- * no brake torque turns a wheel backwards.
+/* Compute the change dx of the state within h. If no wheel may lock, use ROS2
+ * (vehicle.h).
+ *
+ * If a wheel may lock, the stages of ROS2 would jump over the change of sign of the brake
+ * torque. Then use the implicit Euler method, with the inputs at the end of h. A brake
+ * enters its matrix by the secant, torque / v, i.e. the torque is proportional to the
+ * wheel speed at the end of h. It therefore vanishes with this speed, and no brake torque
+ * turns a wheel backwards.
  *   Updated:   at  if a wheel may lock, evaluated with the inputs at the end of h;
  *                  otherwise unchanged
  *   Returned:  dx */
