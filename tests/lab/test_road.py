@@ -172,6 +172,13 @@ def test_a_wrong_file_is_refused_by_name_line_column_and_range(tmp_path, was, be
     assert str(path) in str(error.value) and said in str(error.value)
 
 
+@pytest.mark.parametrize("closed", [("0", "1", "1"), ("", "", ""), ("1", "", "1"), ("2", "2", "2")])
+def test_closed_is_0_or_1_and_the_same_in_every_row(tmp_path, closed):
+    rows = ["distance,bank,curvature,closed", *(f"{10 * n},0.01,0.001,{c}" for n, c in enumerate(closed))]
+    with pytest.raises(UserError, match="column closed: "):
+        read_road(write_road_file(tmp_path, "\n".join(rows) + "\n"))
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(NoFile, match=r"nowhere\.csv: no such file"):
         read_road(tmp_path / "nowhere.csv")

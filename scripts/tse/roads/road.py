@@ -281,7 +281,7 @@ def read_road(path: Path) -> Road:
         raise UserError(f"{path}: column bank or grade is needed; found: {', '.join(header)[:200]}")
     check_columns(path, columns, line, "line")
     closed = columns.pop("closed", np.zeros(1))
-    if np.unique(closed).size > 1:
+    if np.unique(closed).size > 1 or np.isnan(closed[0]):
         raise UserError(f"{path}: column closed: must be the same in every row, 0 or 1")
     for name in PROFILE:
         columns.setdefault(name, np.full(len(table), np.nan))
