@@ -288,7 +288,7 @@ class Bench:
         ]
         self.tests, self.includes = {}, {}
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
-            if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log", "test_small"):
+            if path.stem in ("test_ekf", "test_describe", "test_replay_log", "test_small"):
                 continue  # not in the core, or in another build
             name = path.stem.replace("test_", "test_filter_") if path.parent.name == "filter" else path.stem
             self.includes[name] = set(re.findall(r'#include "([^"]+\.c)"', path.read_text()))
