@@ -1,8 +1,9 @@
 /* filter/output.c - output of a row: the estimates, and whether they are valid. */
 #include "filter/filter.h"
 
-/* Events whose probability is at least MIN_WEIGHT: their slots, probabilities and
- * posteriors of the amplitude. */
+/* Result of collect_possible(): the events whose probability is at least MIN_WEIGHT. For
+ * each of the `count` events: at, its index in tse_kalman.event; weight, its probability;
+ * posterior, the posterior of its amplitude. */
 typedef struct possible {
   int32_t at[TSE_EVENTS], count;
   tse_real weight[TSE_EVENTS];
@@ -21,9 +22,12 @@ static void collect_possible(const tse_kalman *k, possible *e)
   }
 }
 
-/* Return the variance of state i, SI. It includes the variance due to consider parameters
- * and due to events that may have happened.
- *   Returned:  *shift  mean shift by these events */
+/* Return the variance of state i, SI. It includes the variance due to consider
+ * parameters, and the variance that arises because it is uncertain which events have
+ * happened.
+ *   Given:     e       events that may have happened but are not accepted yet
+ *   Returned:  *shift  expected shift of the state by these events: sum of probability
+ *                      times shift */
 static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
@@ -46,8 +50,8 @@ static tse_real compute_variance(
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the posterior probability that no event of relevant size has
- * happened in either group. */
+/* Return the posterior probability that no event large enough to need a reaction has
+ * happened: neither in the lateral nor in the longitudinal group of events (events.c). */
 static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the present regime, without the events that are not accepted yet. */
@@ -60,12 +64,18 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion. If the motion is lost, its sds are limited to state_max. Model
- * errors add (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the
- * variance of v_y (r: yaw rate). The sideways speed of the rear axle, lr r - v_y, is
- * proportional to the ratio of force to stiffness, and has the relative error of this
- * ratio. ASKEW is the sideslip angle of a car that drives straight ahead. A measured
- * velocity may reduce the resulting variance, but not increase it. */
+/* Report the motion. While the motion is lost its sds grow. They are limited to
+ * state_max.
+ *
+ * Errors of the model increase the variance of v_y. Let r be the yaw rate, lr the
+ * distance of the rear axle from the centre of gravity, and s the sideways speed of the
+ * rear axle: v_y = lr r - s. s is proportional to the ratio of tyre force to stiffness,
+ * whose relative variance is model_sd^2 + mass_var. lr r is given the same relative
+ * variance. ASKEW is the sideslip angle of a car that drives straight ahead. Together
+ * these errors increase the variance of v_y by
+ *   (model_sd^2 + mass_var) (s^2 + (lr r)^2) + (ASKEW v_x)^2
+ * Measured velocities, if any, give a second variance of v_y. The smaller of both
+ * variances is reported. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -88,10 +98,11 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Report stiffness, grip and model discrepancy. The relative variance of a
- * stiffness includes the variance of the model error. While measured velocities are used,
- * a larger sd is taken for the model error (LASTING times model_sd): the velocities then
- * shrink the covariance, but not the model error. */
+/* Report stiffness, grip and model discrepancy. The relative variance of a stiffness is
+ * the sum of three variances: of the state, of the model error and of the mass. The sd of
+ * the model error is MODEL_FLOOR. While measured velocities are used, the sd for a
+ * cornering stiffness is at least LASTING times model_sd: the velocities reduce the
+ * variance of the state, but the error of the model remains. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -152,9 +163,9 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the most probable fault that is not accepted yet, if the
- * probability of a fault is above LIKELY. Otherwise return NO_FAULT. A row whose most
- * probable regime is a fault therefore always names a channel. */
+/* Return the channel of the most probable fault among those that are not accepted yet.
+ * Return NO_FAULT if the probability of the regime TSE_REGIME_FAULT is at most LIKELY. A
+ * row whose probability of this regime is above LIKELY thus always names a channel. */
 static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
@@ -202,10 +213,11 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether the model does not fit a channel: the square of the slow
- * (low-passed) innovation exceeds TAIL times its usual value, or the usual value
- * (tse_kalman.usual) exceeds TAIL. TSE_SMALL needs this test, because its events do
- * not find faulty channels. */
+/* Return whether the model does not fit a channel. This is so if the square of the slow
+ * (low-passed) innovation exceeds TAIL times its usual mean square, which is
+ * tse_kalman.usual times the predicted variance. It is also so if tse_kalman.usual itself
+ * exceeds TAIL. Only a TSE_SMALL build uses this test, because its events do not find
+ * faulty channels. */
 static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
@@ -236,17 +248,19 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
   return parameters_dominate ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
-/* Return whether the estimated wheel radii differ from the settings by more than their
- * prior allows. Until the filter found these radii, the longitudinal stiffness absorbed a
- * part of the difference, and is therefore wrong. */
+/* Return whether the estimated ratio of the wheel radii differs from the ratio in the
+ * settings by more than its prior allows: by more than 3 prior sds, and by more than
+ * MAX_RADIUS_ERROR. Before the filter found this difference, the longitudinal stiffness
+ * absorbed a part of it. The stiffness is therefore wrong. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the lag of the steering differs from the settings by more than its prior
- * allows, or is too large for the linear model of a lag. The cornering stiffness then
- * compensates for the wrong angle. */
+/* Return whether the estimated lag of the steering differs from the settings by more than
+ * its prior allows, 3 sds, or is too large for the linear model of a lag. With a wrong lag
+ * the steering angle is wrong while it changes. The cornering stiffness compensates for
+ * this error, and is therefore wrong. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
   const tse_real lag = out->lag_steer, var = r_sqr(p->prior_sd[LATE]), max_var = r_mul(TAIL, var);
@@ -260,7 +274,10 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
     out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
   /* Slip is the relative difference between the speeds of wheel and car. The speed of the
-   * car follows from an axle that rolls freely or, on a flat road, from accel_x. */
+   * car is measured by an axle that rolls freely, for example the undriven axle. If no
+   * axle rolls freely, the speed follows from accel_x, but only if all roads are flat
+   * according to the settings. If neither gives the speed, the longitudinal stiffness is
+   * not valid. */
   const int has_speed = p->car.driven != 0 || is_rolling_axle(w->rolls) || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;
@@ -280,8 +297,8 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
 /* Kinds of uncertainty: the mass, the model error, a consider parameter, a state. */
 enum { OF_MASS, OF_MODEL, OF_CONSIDER, OF_STATE };
 
-/* Kind of an uncertainty, and the index of the consider parameter or state that is
- * uncertain; 0 for other kinds. */
+/* An uncertainty. of: its kind (OF_MASS ...). at: for OF_CONSIDER and OF_STATE the index
+ * of the parameter or of the state that is uncertain, otherwise 0. */
 typedef struct origin {
   int32_t of, at;
 } origin;

@@ -1,21 +1,26 @@
-/* filter/plausible.c - test whether the channels agree. It finds wrong units, signs and
- * axles.
+/* filter/plausible.c - test whether the channels agree. It finds channels with a wrong
+ * unit, a wrong sign or a latency, and wheel speeds of the wrong axle.
  *
- * The test uses pairs of quantities that are equal by the laws of physics. A wrong unit
- * or sign of a channel multiplies one quantity of a pair by a factor. Both quantities are
- * low-passed. Their means, variances and covariance are estimated over USUAL_TIME of
- * driving. Biases change only the means. The factor is the root of the ratio of the
- * variances, with the sign of the covariance. While a pair disagrees, its means and
- * variances are estimated over the shorter ROAD_TIME. Data from a road on which the pair
- * cannot agree, such as ice, are then soon forgotten.
+ * The test uses pairs of quantities that are equal by the laws of physics, for example
+ * lateral acceleration, and speed times yaw rate. A wrong unit or sign of a channel
+ * multiplies one quantity of a pair by a factor. To find this factor, both quantities are
+ * low-passed, and their means, variances and covariance are estimated over USUAL_TIME of
+ * driving. The factor is the root of the ratio of the variances, with the sign of the
+ * covariance. The bias of a channel changes only a mean, and not the factor.
  *
- * A wrong unit of the speed may give a small factor: km/h in place of rad/s gives 3.6
- * times the wheel radius in m, i.e. 1.0 .. 1.3. One pair does not show such a factor,
- * because roll and pitch change the ratio of its quantities by as much. The factor is
- * computed from two pairs together (compute_scale()). If the speed v is too large by a
- * factor, two ratios are too large by this factor: (v r)/accel_y, r being the yaw rate,
- * and (rate of v)/accel_x. Their product is the square of the factor. A latency of the
- * accelerometers cancels in this product. */
+ * A pair also disagrees on some roads, for example on ice. While a pair disagrees, its
+ * means and variances are estimated over the shorter ROAD_TIME, so that the data from
+ * such a road are forgotten soon after it ends.
+ *
+ * A wrong unit of the speed may give a factor near 1. If a speed in km/h is taken for a
+ * wheel speed in rad/s, the factor is 3.6 times the wheel radius in m, i.e. 1.0 .. 1.3.
+ * One pair alone cannot show so small a factor, because roll and pitch change the ratio
+ * of its quantities by as much. This factor is therefore computed from two pairs together
+ * (compute_scale()). If the speed v is too large by a factor, two ratios are too large by
+ * the same factor: (v r)/accel_y, r being the yaw rate, and (rate of v)/accel_x. Their
+ * product is the square of the factor. A latency of both accelerometers increases the
+ * first ratio as computed here, and decreases the second, so that it cancels in the
+ * product. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
@@ -43,24 +48,27 @@ enum {
  * yaw rate that is expected from the steering angle. */
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
-/* Return the part of the variance of the first quantity of a pair that the second
- * quantity should also have. accel_x also measures gravity along the road: (3 sd of
- * the grade)^2 is subtracted from its variance. The result is at least the smaller
- * of both variances. */
+/* Return the variance of the first quantity of a pair, without the part that the second
+ * quantity cannot have. For the pair ALONG this part is the variance of gravity along the
+ * road, which accel_x measures and the rate of the speed does not contain: (3 sd of this
+ * gravity)^2 is subtracted. The grade may vary less than that. The subtraction therefore
+ * does not go below the variance of the second quantity. */
 static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Min excitation of each pair, [unit^2 s]: variance of its
- * quantities times averaging time. */
+/* Min excitation of each pair at which it is judged, [unit^2 s]: variance times averaging
+ * time. is_shown() chooses the quantity of the pair whose variance counts. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether the excitation of a pair, i.e. its variance times its averaging time, is
- * large enough for a decision. While a pair disagrees, its averaging time is shorter
- * (ROAD_TIME). The function then uses USUAL_TIME instead, so that a decision needs the
- * same variance as before.
+/* Return whether the excitation of a pair is large enough to judge whether the pair
+ * disagrees. The excitation is a variance times the averaging time. For ACROSS,
+ * TURNING_BY and ALONG it is the larger of the two variances, because a wrong unit may
+ * make one of them small. For the other pairs it is that of the first quantity. While a
+ * pair disagrees, its averaging time is shorter (ROAD_TIME). The function then uses
+ * USUAL_TIME in its place, so that the variance which is needed remains the same.
  *   Given:  first  variance of the first quantity, from compute_explainable()
  *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
@@ -70,8 +78,9 @@ static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
   return r_mul(apart ? USUAL_TIME : q->time, var) > min_excitation[which];
 }
 
-/* Return the squared correlation of a pair.
- *   Given:  first  variance of the first quantity, from compute_explainable() */
+/* Return the squared correlation of the two quantities of a pair.
+ *   Given:  first  variance of the first quantity: q->var[0], or the smaller value that
+ *                  compute_explainable() returns */
 static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 {
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
@@ -95,9 +104,11 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
 
 /* Update means, variances and covariance of a pair with the sample (x, y). A deviation
  * from the mean counts as at most 3 sd. A short burst of wrong values thus has little
- * effect, but a wrong unit soon increases the variance.
+ * effect. A wrong unit, however, lasts, and soon increases the variance in spite of this
+ * limit.
  *   Given:     memory     [s] averaging time
- *              least      min variance from which the limit of 3 sd is computed
+ *              least      [unit^2] while the variance of a quantity is smaller than this,
+ *                         the limit of 3 sd is computed from `least` instead
  *   Returned:  deviation  of x and y from their means, limited */
 static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
@@ -127,13 +138,17 @@ static tse_real compute_factor(const tse_pair *q)
   return q->both < TSE_R(0) ? -size : size;
 }
 
-/* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
- * driving: the square of the first quantity of a pair, and the product of both
- * quantities. A pair that disagrees does not contribute. Slip changes the speed, and
- * during fast periodic steering the rate of the lateral speed changes accel_y. These two
- * changes lead the first quantity of their pair by a quarter of a period. The mean
- * product of the change and the first quantity is therefore 0, so that slip and lateral
- * speed do not bias the scale. */
+/* Update the two sums from which the scale of the speed is computed, over SCALE_TIME of
+ * driving: of the square of the first quantity of a pair, and of the product of both
+ * quantities. A pair that disagrees, or whose squared correlation is below SCALE_RELATED,
+ * does not contribute.
+ *
+ * The second quantity of each pair contains a term that is not due to the scale. In ALONG
+ * the rate of the slip adds to the rate of the speed. In ACROSS the rate of the lateral
+ * speed adds to accel_y during fast periodic steering. Each term is proportional to the
+ * rate of the first quantity of its pair, and thus leads this quantity by a quarter of a
+ * period. The mean product of the two is 0, so that slip and lateral speed do not bias
+ * the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -144,8 +159,10 @@ static void update_scale(tse_agreement *a, int which, const tse_real deviation[2
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
-/* Return the squared factor by which the speed from the wheels is too large: (rate of the
- * speed / accel_x) (v r / accel_y). Return 0 if the excitation is not large enough. */
+/* Return the square of the factor by which the speed from the wheels is too large. It is
+ * the product of two ratios, (rate of the speed)/accel_x and (v r)/accel_y, each computed
+ * as the ratio of the two sums of update_scale(). Return 0 if the excitation is not large
+ * enough. */
 static tse_real compute_scale(const tse_agreement *a)
 {
   const tse_real *const across = a->moved[0], *const along = a->moved[1];
@@ -153,9 +170,11 @@ static tse_real compute_scale(const tse_agreement *a)
   return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], MIN_VARIANCE)));
 }
 
-/* Return the squared factor of compute_scale(), computed from the variances of the two
- * pairs. This needs less excitation, but is less accurate: noise and road slopes also
- * increase the variances. */
+/* Return the squared factor of compute_scale(), but computed from the variances of the
+ * two pairs. In each pair, (variance of the quantity computed from the speed)/(variance
+ * of the acceleration) is the squared factor. The result is the geometric mean of both
+ * ratios. This needs less excitation than the sums of update_scale(), but is less
+ * accurate, because noise and road slopes also increase the variances. */
 static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
@@ -163,7 +182,9 @@ static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *alon
 }
 
 /* Return whether the speed is wrong by a factor that noise and road slopes cannot cause.
- * The correlation of each pair limits the share of noise and slopes in the variance. */
+ * Both pairs must have a squared correlation of at least ROUGH_RELATED. Noise and slopes
+ * are then less than a third of each variance, too little to bring the squared factor to
+ * MIN_ROUGH_SCALE or MAX_ROUGH_SCALE. */
 static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
@@ -178,9 +199,10 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update the regression for a latency with a row. Let y = g x - T x', i.e. y is x with a
- * factor g and a latency T (x', y': rates). Then the sum of (x y' - y x')/2 is T times
- * the sum of x'^2, whatever g is.
+/* Update the two sums from which the latency T of y behind x is estimated. The model is
+ * y = g x - T x', i.e. y is x times a factor g, with a latency (x', y': rates of change).
+ * The time integral of (x y' - y x')/2 is then T times the time integral of x'^2, for any
+ * g. The ratio of these two integrals, t->late and t->square, is the estimate of T.
  *   Given:  x, y   values in the previous row and in this row
  *           slope  rate of x [per second]
  *           keep   factor by which the old sums are multiplied */
@@ -193,8 +215,9 @@ static void update_timing(
 }
 
 /* Return the max plausible value of (nominal - true)/true for the rear cornering
- * stiffness: SOFTER and, if a change to a road with less grip was accepted, the part that
- * this change adds. */
+ * stiffness: SOFTER. If a change to a road with less grip was accepted, the true
+ * stiffness has decreased. (before - after)/after of this change is then added, at most
+ * e - 1. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -202,12 +225,17 @@ static tse_real compute_softening(const tse_kalman *k)
   return SOFTER + compute_exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
 }
 
-/* Update the latencies of accel_y behind the yaw motion, and of yaw_rate behind the
- * steering angle. All quantities are in m/s2: yaw rates are multiplied by the speed v. At
- * the centre of gravity, with nominal rear tyres,
+/* Update the sums for two latencies: of accel_y behind speed times yaw rate, and of
+ * yaw_rate behind the yaw rate that is expected from the steering angle. All quantities
+ * are in m/s2: yaw rates are multiplied by the speed v.
+ *
+ * The lateral motion of the car itself shifts accel_y in time. At the centre of gravity,
+ * with nominal rear tyres,
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
  * where r is the yaw rate, l_f and l_r the distances of the axles from the centre of
- * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass.
+ * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass. This part is
+ * removed from the sum, so that the latency of the channel remains. The largest lag that
+ * softer tyres and a different position of the IMU can cause is added up in a->lags.
  *   Given:  was  low-passed values of the previous row */
 static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
@@ -236,11 +264,16 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 }
 
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
- * Return 0 if no channel is late. Each latency and its limit are compared after
- * multiplication by the excitation (`square`, `asked`). The sd of a latency decreases
- * with the root of the excitation. Soft tyres, or an IMU behind the centre of gravity,
- * also delay accel_y. In every car the yaw rate follows the steering angle. If the logged
- * steering angle follows the yaw rate, the steering angle is late. */
+ * Return 0 if no channel is late, or if the excitation is too small for a decision.
+ *
+ * In every car the yaw rate follows the steering angle. If the logged yaw rate leads the
+ * steering angle, the steering angle is late. Soft tyres, or an IMU behind the centre of
+ * gravity, also delay accel_y. Its limit therefore contains this lag (a->lags).
+ *
+ * Each latency is stored as its product with an excitation (`square` or `asked`). Its
+ * limit is therefore also multiplied by the excitation. The limit includes 3 sds of the
+ * latency. An sd is proportional to 1/sqrt(excitation), and the product thus to
+ * sqrt(excitation). */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -281,9 +314,10 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
-  /* The decision on the pair ALONG allows for the grade of the road. If another pair
-   * disagrees, a difference between accel_x and the rate of the speed more likely has the
-   * same cause. So decide here once more, without this allowance. */
+  /* If ALONG is the only pair that disagrees, the grade of the road may be the cause. The
+   * decision in compare_pair() therefore subtracts the variance due to the grade. If
+   * another pair disagrees, too, a wrong channel is the more likely cause of both. So
+   * decide on ALONG here once more, without subtracting this variance. */
   const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
@@ -389,13 +423,15 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
   memcpy(was, a->smooth, sizeof was);
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
-  /* A channel that is missing in this row keeps its low-passed value. If the 0 in `value`
-   * were used, a channel with a lower rate than the others would come out too small. */
+  /* A channel that is missing in this row keeps its low-passed value. Its `value` is 0
+   * because read_channels() returns 0 for it. If this 0 were used, the low-passed value
+   * of a channel that is logged less often than the others would be too small. */
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
   watch_latencies(p, k, was, has, starts ? TSE_R(0) : dt);
-  /* after a gap the low-passed accel_x restarts at 0, because its counterpart `change`,
-   * the low-passed rate of the speed, is 0 then, too */
+  /* After a gap the low-passed rate of the speed (`change`) restarts at 0. accel_x is
+   * compared with it in the pair ALONG. The low-passed accel_x therefore also restarts at
+   * 0. */
   if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;

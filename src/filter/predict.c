@@ -3,8 +3,9 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  /* for each stiffness, the states of the slip or slip angle by which it is multiplied.
-   * The longitudinal stiffness has two, front and rear; -1: no second state */
+  /* for each stiffness, the states (slips or slip angle) that it multiplies in the tyre
+   * force. The longitudinal stiffness multiplies two slips, front and rear. -1: no second
+   * state */
   static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
@@ -48,7 +49,8 @@ static tse_real get_road_mean(const tse_params *p, const tse_kalman *k, int i)
 }
 
 /* Return the sd by which gravity along (i = 0) or across (i = 1) the road varies about
- * its mean. If the row gives the grade or bank, the sd is at most road_sd. */
+ * its mean. If the row gives the grade or bank, the sd is at most the sd of the error of
+ * a given angle (setting road_sd). */
 static tse_real get_road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];
@@ -87,8 +89,9 @@ static void propagate_gravity(const tse_params *p, tse_kalman *k, int i, tse_rea
   k->x[at] += mean;
 }
 
-/* Add the process noise of a random walk over dt to state i. For a stiffness also add the
- * variance that apply_correction() has collected since the last call. */
+/* Add the process noise of a random walk over dt to state i. For a stiffness also add
+ * k->moved and reset it to 0: apply_correction() (update.c) adds up the variance of the
+ * linearisation errors there. */
 static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 {
   const int a = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF : -1;
@@ -103,11 +106,13 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* See filter.h. In each row add process noise to one slow state, in turn, and to each
- * state whose last process noise is WALK_TIME or WANDER_TIME ago. The noise that is added
- * is the noise for the whole time since then. To add noise to all states in each row
- * would take too long, because each addition is a rank-one change of the covariance.
- * TSE_SMALL has few slow states and adds noise to all of them in each row. */
+/* See filter.h. Each addition of process noise to a state is a rank-one change of the
+ * covariance. To do this for all slow states in each row would take too long. In each row
+ * only some slow states therefore receive process noise: the state whose turn it is
+ * (slow_turn, one state after the other), and each state whose last process noise is
+ * WALK_TIME ago, or WANDER_TIME for gravity. The added noise is that of the whole time
+ * since the last addition. A TSE_SMALL build has few slow states, and adds noise to all
+ * of them in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -123,9 +128,10 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, MAX_TIME) : TSE_R(0);
 }
 
-/* Propagate the state through the row. The state LEAN is the superelevation of curves. If
- * the row gives the bank of the road, the bank includes the superelevation, and 0 is used
- * in place of LEAN.
+/* Propagate the state through the row. The state LEAN is the superelevation of curves:
+ * the share of the lateral acceleration that gravity provides in a banked curve. If the
+ * row gives the bank of the road, the bank includes the superelevation, and 0 is used in
+ * place of LEAN.
  *   Updated:   k->x
  *   Returned:  M  as in car_move() */
 static void move_motion(
@@ -139,10 +145,11 @@ static void move_motion(
   for (int i = 0; has_bank && i < MOTION; i++) M[i][LEAN] = r_short(TSE_R(0));
 }
 
-/* Scale the transition to units of the state. Multiply its partial derivatives with
- * respect to a stiffness by the share of compute_signal_shares(). Set partial derivatives
- * with respect to slip and slip stiffness to 0 if the row has no wheel speeds from which
- * slip can be estimated.
+/* Convert the transition M from SI units to the units of the state. Before the
+ * conversion, multiply the partial derivatives with respect to a stiffness by the share
+ * of compute_signal_shares(), so that errors of the slip do not bias the stiffness. If
+ * the row cannot show the slip, set partial derivatives with respect to slip and slip
+ * stiffness to 0, so that the filter does not estimate them.
  *   Given:    share  from compute_signal_shares()
  *             z      z->no_slip: derivatives of v_x with respect to the slip stiffness
  *                    become 0. z->no_second: derivatives of all states with respect to
@@ -168,9 +175,11 @@ static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3
   }
 }
 
-/* Compute the slip of each axle from the force that accel_x measures. The force acts at
- * the driven axle, or at both axles if they brake or the driven axle is unknown. Without
- * accel_x the force is 0. Wheels that slide are not detected. */
+/* Compute the slip of each axle for a row whose wheel speeds do not show it: the force
+ * that accel_x measures, divided by the longitudinal stiffness, and low-passed. The force
+ * acts at the driven axle. It acts at both axles if the car brakes, or if the driven axle
+ * is unknown. Without accel_x the force is 0. Wheels that slide are not detected: their
+ * slip is larger than this quotient. */
 static void set_slip_by_force(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;

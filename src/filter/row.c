@@ -2,10 +2,17 @@
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* Return the freely rolling axle according to brake switch and wheel torques. If one axle
- * is driven, the undriven axle rolls freely, unless brake switch or torque show that it
- * brakes. If both axles are driven, an axle rolls freely if it has no torque while the
- * other axle has torque. The torques of both axles must be given for this decision. */
+/* Return the axle that rolls freely, according to brake switch and wheel torques.
+ * ROLLS_NONE: no axle rolls freely. ROLLS_UNKNOWN: the row gives too little to decide. An
+ * axle has no torque if the magnitude of its torque is below p->no_torque.
+ *
+ * If one axle is driven, only the undriven axle can roll freely. It does so if the brake
+ * is off and it has no torque. If only the brake switch or only this torque is given, it
+ * decides alone. If neither is given, the result is ROLLS_UNKNOWN.
+ *
+ * If both axles are driven, or if the driven axle is unknown, an axle rolls freely if the
+ * brake is not on, this axle has no torque and the other axle has torque. The torques of
+ * both axles must be given, otherwise the result is ROLLS_UNKNOWN. */
 static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = find_undriven_axle(&p->car);
@@ -30,20 +37,25 @@ static int is_equal(tse_real front, tse_real rear)
 }
 
 /* Return whether two wheel speeds [m/s] may be copies of one signal: they are equal, or
- * have the ratio of earlier rows (tse_filter.ratio). A constant ratio other than 1 arises
- * if a log computes both wheel speeds [rad/s] from one vehicle speed with wheel radii
- * that differ from the settings, for example by rounding. */
+ * have the ratio of earlier rows (tse_filter.ratio). Copies may have a constant ratio
+ * other than 1. This is so if the logged wheel speeds [rad/s] were computed from one
+ * vehicle speed with wheel radii that differ from the settings, for example because they
+ * were rounded. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the wheel speeds of both axles are copies of one signal. A copy may lag
- * behind the other column or repeat its last value, but each new value of it equals the
- * value of the other column in this row or in the previous row. In two separate signals
- * each column has new values that differ from the other column. If one column has been
- * missing for USUAL_TIME and no velocity is measured, there is no second speed either.
+/* Find whether the wheel speeds of both axles are copies of one signal. In a log one copy
+ * may lag behind the other by a row, or repeat a value while the other already has a new
+ * one. Each new value of the copy that lags or repeats still equals the value of the
+ * other axle in this row or in the previous row. The wheel speeds are two signals if both
+ * axles have had new values in the last USUAL_TIME that do not equal those of the other
+ * axle in this way.
+ *
+ * There is also only one speed if the wheel speed of one axle has been missing for
+ * USUAL_TIME and no velocity is measured. z->no_second is 1 in both cases.
  *   Updated:  z  one_speed, no_second, equal, same, off. If there is one signal, the rear
  *                axle receives the newer value and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
@@ -99,8 +111,8 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   find_one_speed(p, f, z);
-  /* If no axle rolls freely, no wheel measures the speed of the car, and slip can be
-   * computed only with the integral of accel_x. The integral also contains gravity along
+  /* If no axle rolls freely, no wheel measures the speed of the car. To compute the slip,
+   * the speed would have to be integrated from accel_x, which also measures gravity along
    * the road. The longitudinal stiffness is then not estimated, unless all roads are flat
    * according to the settings (grade_sd is 0). */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;

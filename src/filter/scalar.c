@@ -1,30 +1,36 @@
-/* filter/scalar.c - update of the filter with one scalar measurement. The gain is the
- * gain of Schmidt (1966). It is reduced for innovations above 3 sd, because the errors of
- * sensors have heavy tails.
+/* filter/scalar.c - update of the filter with one scalar measurement. The gain is that of
+ * Schmidt (1966) for consider parameters: uncertain parameters that are not estimated.
+ * Their uncertainty increases the variance S of the innovation and changes the gain. For
+ * an innovation above 3 sd the gain is reduced, because the errors of sensors have heavy
+ * tails.
  *
- * Consider parameters are uncertain parameters that are not estimated. Their uncertainty
- * increases S and changes the gain. h is the vector of partial derivatives of the
- * measurement with respect to the state, r the noise variance of the measurement, A = U D
- * U' the covariance that the state would have if the parameters were known, and V the
- * matrix of sensitivities of the state to the parameters:
- *   y = V' h + d                                 shift of the innovation per sd of each
- *                                                parameter; d: partial derivatives of the
- *                                                measurement with respect to parameters,
- *                                                per sd
- *   S = h' A h + y' y + r                        variance of the innovation
- *   K = (A h + V y)/S                            gain
- *   A: update with K0 = A h/(h' A h + r), the gain for known parameters, then add
- *      (h' A h + r)(K - K0)(K - K0)'             Joseph's form of a scalar
- *   V = V - K y' */
+ * Given are:
+ *   h           partial derivatives of the measurement with respect to the state
+ *   d           partial derivatives of the measurement with respect to the parameters,
+ *               each multiplied by the sd of the parameter
+ *   r           variance of noise and model discrepancy of the measurement
+ *   A = U D U'  covariance that the state would have if the parameters were known
+ *   V           sensitivities of the state to the parameters, per sd of each parameter
+ *
+ * The update computes:
+ *   y = V' h + d                 shift of the innovation per sd of each parameter
+ *   S = h' A h + y' y + r        variance of the innovation
+ *   K = (A h + V y)/S            gain
+ *   V = V - K y'
+ * A is updated with the gain for known parameters, K0 = A h/S0, S0 = h' A h + r. Because
+ * the state is updated with K instead, S0 (K - K0)(K - K0)' is then added to A (Joseph's
+ * form of the scalar update). */
 #include "filter/filter.h"
 
-/* Update and return the usual ratio of the squared low-passed innovation to its predicted
- * variance: the mean of this ratio over USUAL_TIME, at least 1. In event tests S is
- * multiplied by this mean, so that a constant model error does not look like an event.
+/* Update tse_kalman.usual of channel c, and return it. It is the mean over USUAL_TIME of
+ * the ratio (squared low-passed innovation)/(its predicted variance), and is at least 1.
+ * A constant model error increases this mean. In event tests the variance of the
+ * innovation is multiplied by the mean, so that a constant model error does not look like
+ * an event.
  *   Given:    e, s         innovation and its variance
  *   Updated:  k->slow      low-passed innovation
  *             k->slow_var  predicted variance of the low-passed innovation
- *             k->usual     the ratio */
+ *             k->usual     the mean ratio */
 static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME);
@@ -41,8 +47,11 @@ static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_r
 /* Number of consider parameters that are processed in one loop. */
 enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
 
-/* Compute y, the shift of an innovation per sd of each consider parameter.
- *   Given:  own  partial derivatives of the measurement with respect to the parameters */
+/* Compute y = V' h + d, the shift of the innovation of a measurement per sd of each
+ * consider parameter.
+ *   Given:  own  d, partial derivatives of the measurement with respect to the
+ *                parameters, per sd
+ *           h    partial derivatives of the measurement with respect to the state */
 static void compute_shifts(
     const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])
 {
@@ -67,8 +76,8 @@ static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], cons
   }
 }
 
-/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and update
- * the covariance accordingly.
+/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S. Add S0 (K - K0)(K - K0)'
+ * to the covariance A, which was updated with K0.
  *   Given:    y, S   as at the top of this file
  *             S0     h' A h + r
  *             dgain  work space

@@ -1,5 +1,6 @@
-/* filter/sensitivities.c - sensitivities of the state to the amplitude of each event (v)
- * and to each consider parameter (k->consider), in units of the state. */
+/* filter/sensitivities.c - sensitivities of the state, in units of the state: its shift
+ * per unit of the amplitude of each event (tse_event.v), and per sd of each consider
+ * parameter (tse_kalman.consider). */
 #include "filter/filter.h"
 
 void sensitivities_clear(tse_kalman *k, int count)
@@ -46,8 +47,9 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
   for (int q = 0; q < TSE_CONSIDERED; q++)
     if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
-  /* Fill the last group with copies of the last sensitivity. move_together() computes
-   * each of them from the old values, so that a copy changes nothing. */
+  /* move_together() takes MOVED sensitivities. In the last call there may be fewer, so
+   * that the last one is passed several times. All its results are then the same, because
+   * move_together() computes them from the old values before it stores any of them. */
   for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1];
   for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
   for (int q = 0; q < COLUMNS - STATES; q++)

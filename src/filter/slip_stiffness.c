@@ -1,8 +1,10 @@
 /* filter/slip_stiffness.c - longitudinal (slip) stiffness without model error. The state
- * LCX is the logarithm of the slip stiffness plus a longitudinal model error. This error
- * is constant with sd B; pitch, rolling radii and the form of the tyre curve cause it.
- * along_share() separates slip stiffness and error. It uses the prior variance P of the
- * slip stiffness and the present variance V of LCX. */
+ * LCX is a sum: the logarithm of the slip stiffness, plus a longitudinal model error that
+ * pitch, rolling radii and the form of the tyre curve cause. The model error is an
+ * unknown constant with mean 0 and sd B. When LCX changes, along_share() attributes a
+ * share of the change to the slip stiffness, and the rest to the model error. The share
+ * follows from B, the prior variance P of the slip stiffness and the present variance V
+ * of LCX. */
 #include "filter/filter.h"
 
 void along_start(tse_kalman *k, tse_real var)
