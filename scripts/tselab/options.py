@@ -62,8 +62,10 @@ class OutputPath(click.Path):
         return path
 
 
-# values of --form. The C functions tse_config_default(), tse_config_robust() and
-# tse_config_paper() set the settings of these forms
+# values of the option --form, which selects filter and settings. "default": the Kalman
+# filter (tse_config_default()). "robust", "paper": the paper's particle filter, with
+# settings that keep it from diverging (tse_config_robust()) or as printed
+# (tse_config_paper())
 FORMS = ("default", "robust", "paper")
 DAY = 86400.0  # [s] duration of a day
 MAX_AGE = 40000.0  # [days] max value of --age
@@ -89,11 +91,11 @@ def read_settings(
 ) -> dict[str, float]:
     """Check all settings of a command line, and return them by name.
 
-    `options`: settings that have an option of their own, such as --seed; a value None
-    means that the option was not given. `pairs`: the values of --set. If both give a
-    setting, the value of --set is used. `simulator`: True in `tselab simulate`. Settings
-    of the simulator are then allowed, too, and the value in `options` is used if both
-    give a setting."""
+    `pairs`: the values of --set. `options`: settings that have an option of their own,
+    such as --seed; a value None means that the option was not given. `simulator`: True
+    in `tselab simulate`, where --set may also give settings of the simulator. A
+    setting may be given in both ways. Then the value of --set is used or, if
+    `simulator` is True, the value in `options`."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -118,14 +120,15 @@ def show_progress(progress: bool | None) -> bool:
 
 
 def convert_age(days: float | None, load_learnt: Path | None) -> float:
-    """Convert the option --age from days to seconds. Return UNKNOWN_AGE if it is not
-    given. Raise Error if it is given without --load-learnt."""
+    """Convert the option --age, the age of the learnt state that --load-learnt reads,
+    from days to seconds. Return UNKNOWN_AGE if --age is not given. Raise Error if
+    --age is given without --load-learnt."""
     import tse
 
     if days is None:
         return tse.UNKNOWN_AGE
     if load_learnt is None:
-        raise Error("option --age: is the age of a learnt state: give it only together with --load-learnt")
+        raise Error("option --age: needs --load-learnt, which names the learnt state that has this age")
     check_range("age", days, 0.0, MAX_AGE, "days")
     return days * DAY
 
@@ -165,8 +168,8 @@ CALIBRATE = click.option(
 
 
 class _Form(click.Choice):
-    """Type of the option --form: one of FORMS. The form "sampled" was removed. If it is
-    given, the error message names the form to use instead."""
+    """Type of the option --form: one of FORMS. Earlier versions also had the value
+    "sampled". If it is given, the error message names the value to use instead."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "sampled":

@@ -52,8 +52,9 @@ def replay(
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
     The single-track model is simulated with the logged steering angle and wheel speeds.
-    It has the effects, latencies and the formula of the vehicle file. At speeds above 3
-    m/s, the simulated accel_x, accel_y and yaw_rate are compared with the measured ones.
+    Model effects (such as body roll or a steering lag), latencies and a formula are
+    simulated as the vehicle file gives them. At speeds above 3 m/s, the simulated
+    accel_x, accel_y and yaw_rate are compared with the measured ones.
     No parameter is fitted. Without --road the simulated road is level, so bank and grade
     of the real road are part of the difference.
     """

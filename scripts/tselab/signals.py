@@ -71,9 +71,10 @@ def signals(
     python-can). A file of any format may be compressed with gzip.
 
     Memory: of a large log only a part is in memory at a time: one channel, or a block of
-    frames or CSV rows. 'tselab estimate' keeps the channels that it needs in memory. Read
-    as a whole are each variable of a MAT 5 file (a struct is one variable), a CSV with
-    the column names of tse, and a file of openpilot.
+    frames or CSV rows. 'tselab estimate' keeps the channels that it needs in memory.
+    Three formats need more memory: a CSV with the column names of tse and a file of
+    openpilot are read as a whole, and so is each variable of a MAT 5 file (a struct is
+    one variable).
 
     Exit code: 0 a signal was found for every channel; 3 some channels
     are missing; 2 bad input.
@@ -94,8 +95,8 @@ def signals(
     if out is not None:
         if not found.guesses:
             raise Error(
-                f"{log_path}: no signal could be proposed, so {out} is not written: write it by hand; "
-                "'tselab estimate --help' shows the keys"
+                f"{log_path}: no signal could be proposed for any channel, so {out} is not written: write "
+                "this file by hand; 'tselab estimate --help' shows its keys"
             )
         found.write(out)
         click.echo(f"Written to {out}", err=as_json)

@@ -178,7 +178,7 @@ def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
             raise Error(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
         if not time >= 0 or not level.low <= value <= level.high:
             raise Error(
-                f"option --road-change: {pair!r} is outside its range: time at least 0 s, level "
+                f"option --road-change: {pair!r} is outside its range: TIME at least 0 s, LEVEL "
                 f"{level.low:g} .. {level.high:g}"
             )
         changes.append((time, value))

@@ -1,18 +1,23 @@
-"""Score one estimator on one drive. The scores are a row of numbers. All errors are
-relative to the true mean stiffness in the same row. For tyres that saturate, the truth is
-the secant stiffness, because an estimator with a linear tyre model converges to it
+"""Score one estimator on one drive. The scores are a row of numbers. In the simulator the
+stiffness varies at random from sample to sample about a mean. All errors are relative to
+this true mean stiffness in the same row. For tyres that saturate, the truth is the secant
+stiffness (force / slip), because an estimator with a linear tyre model converges to it
 (compute_felt_stiffness()).
 
 A wrong estimate, or one that is flagged as not valid, counts against an estimator only if
-the stiffness was observable. Observability is computed from the truth. The noise-free
-slips give the regressor phi of each stiffness (src/paper/row.c computes phi from
-estimates). A filter with a forgetting factor has a memory of 1/(1 - forgetting) rows. The
-variance of phi over the last two memories gives the smallest sd that an estimate of the
-mean stiffness can have:
+the stiffness was observable. Observability is computed from the true motion. The
+regressor phi of a stiffness is proportional to the slip: it is the derivative of the
+acceleration with respect to stiffness / nominal, divided by the noise sd of the
+accelerometer. Here phi is computed from the noise-free slips (src/paper/row.c computes it
+from estimates). A filter with a forgetting factor has a memory of 1/(1 - forgetting)
+rows. E[phi^2] and var(phi) over the last 2 memory rows give the best-case sd, i.e. the
+smallest sd that an estimate of the mean stiffness can have, relative to nominal:
 
     sqrt((1 + E[phi^2] * spread^2) / (memory * var(phi)))
 
-where spread is the sd of the stiffness from sample to sample.
+where spread is the sd of the stiffness from sample to sample, relative to nominal. A
+stiffness is observable if its best-case sd is clearly below the setting valid_sd, the max
+relative sd of a stiffness that the filter flags as valid.
 """
 
 import itertools
@@ -30,29 +35,39 @@ from tselab.montecarlo.peers import LOW_SPEED
 # An estimate has diverged if its relative error exceeds DIVERGED_ERROR for longer than
 # DIVERGED_FOR [s]
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
-# [s] Errors are not scored for this time after the start of the drive, after an event,
-# and after a row that is falsified or has a tyre beyond its linear range
+# [s] Errors are not scored for this time after the start of the drive, after an event (a
+# change of the true stiffness, Case.events), after a row that a simulated fault has made
+# unusable, and after a row with a tyre beyond its linear range
 SETTLE_AFTER = 10.0
 VALID_AFTER = 5.0  # [s] the valid flag is not scored for this time after the start of the drive
 CLOSE = 0.10  # an estimate is right if its relative error is smaller than this
-# A stiffness is clearly observable if its best-case sd is below valid_sd / CLEARLY, and
-# clearly unobservable if it is above valid_sd * CLEARLY. Rows in between are not scored
+# A stiffness is clearly observable if its best-case sd (see the top of this file) is
+# below valid_sd / CLEARLY, and clearly unobservable if it is above valid_sd * CLEARLY.
+# Rows in between are not scored, because there neither "valid" nor "not valid" is wrong
 CLEARLY = 2.0
 # [m/s] if a wheel speed is below this, the car drives in reverse, and no estimator learns
 # from the row; the same value as in src/paper/row.c
 REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
-# names of the shares of rows that score_run() returns. Their order is the order of the
-# computation in score_run()
+# Names of the shares of rows that score_run() returns, in the order in which it computes
+# them. "Of the rows ..." gives the denominator, the rest the numerator.
+#   false_valid         of the rows flagged valid: error above DIVERGED_ERROR
+#   false_invalid       of the scored rows with an error below CLOSE: not flagged valid
+#   valid_unobservable  of the rows in which the stiffness is unobservable: flagged valid
+#   reason_right        of these rows: not valid, for one of UNKNOWN_REASONS
+#   corrupted_reported  of the rows that a simulated fault has made unusable: not flagged
+#                       valid, or with the status that a measurement is missing
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # a change of regime counts as reported if its probability is at least this
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
 # [s] a reported change is correct if its time lies between BEFORE seconds before the
-# start and AFTER seconds after the end of a true change
+# start and AFTER seconds after the end of a true change. It may lie before the start,
+# because the estimator estimates the time of the change
 BEFORE, AFTER = (0.15, 2.0)
-# OFF: if a stiffness with a larger relative error is flagged as valid, the flag is wrong.
-# OFF_FOR: [s] rows with a wrong flag are counted for this time after an event
+# OFF: a flag "valid" is wrong if the relative error of the stiffness exceeds OFF.
+# OFF_FOR: [s] length of the interval after an event in which rows with a wrong flag are
+# counted
 OFF, OFF_FOR = 0.20, 60.0
 # reasons for "not valid" that are correct if the stiffness is not observable
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
@@ -65,17 +80,21 @@ class Knowable:
     are the three stiffnesses."""
 
     best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
-    # (n, 3) ratio of the true mean stiffness to nominal. If tyres saturate, the true
-    # stiffness is the secant stiffness, averaged over rows in the linear range
+    # (n, 3) true mean stiffness, relative to nominal: the truth for all errors. If tyres
+    # saturate, it is the secant stiffness, averaged over the recent rows in the linear
+    # range
     level: np.ndarray
-    corrupted: np.ndarray  # (n,) whether the log was falsified
+    corrupted: np.ndarray  # (n,) whether a simulated fault has made the row unusable (Case.corrupt)
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
-    # (n,) whether at least SETTLE_AFTER has passed since the start, since the last event
-    # and since the last row that is corrupted or beyond the linear range, and at least
-    # two memories since the start (memory: see the top of this file)
+    # (n,) whether a row is late enough to be scored. At least SETTLE_AFTER must have
+    # passed since the start, since the last event and since the last row that is
+    # corrupted or beyond the linear range. Since the start, at least 2 memory rows must
+    # have passed (memory: see the top of this file)
     settled: np.ndarray
     valid_sd: float  # setting of this name: max relative sd of a valid stiffness
-    # (n, 3) as `level`, but averaged over all rows, also those beyond the linear range
+    # (n, 3) as `level`, but averaged over all recent rows, also those beyond the linear
+    # range. score_regimes() compares it with estimates that are flagged valid. None: use
+    # `level`
     secant: np.ndarray | None = None
 
     @property
@@ -105,10 +124,12 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     tuple
-        (n, 3) regressor phi: derivative of the acceleration with respect to the relative
-        deviation of each stiffness, divided by the true noise sd. (n, 2) utilisation:
-        ratio of the force of a linear tyre to the friction limit, front and rear axle; 0
-        if friction is not limited.
+        (n, 3) regressor phi of the three stiffnesses: derivative of an acceleration with
+        respect to stiffness / nominal, divided by the true noise sd of the
+        accelerometer. The acceleration is longitudinal for the longitudinal stiffness,
+        and lateral for the two cornering stiffnesses. (n, 2) utilisation of the front and
+        the rear axle: ratio of the force of a linear tyre to the friction limit; 0 if
+        friction is not limited.
     """
     c, truth = d.car, d.truth
     vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
@@ -159,12 +180,14 @@ def compute_felt_stiffness(
     memory: float,
     linear: float = LINEAR,
 ) -> np.ndarray:
-    """Return the stiffness (n, 3) to which a least-squares fit of a linear tyre to the
-    last `memory` rows converges: the mean secant stiffness, weighted with phi^2.
+    """Return for each row the stiffness (n, 3), relative to nominal, to which a
+    least-squares fit of a linear tyre to the last `memory` rows converges: the mean of
+    the secant stiffness over these rows, weighted with phi^2.
 
-    `mean`: true stiffness. `phi`, `use`: from compute_regressors(). `learning`: whether
-    an estimator learns from each row. `memory`: number of rows. `linear`: rows with
-    larger `use` are left out, because no estimator should learn from them."""
+    `mean`: true stiffness at zero slip, relative to nominal. `phi`, `use`: from
+    compute_regressors(). `learning`: whether an estimator learns from each row.
+    `memory`: number of rows. `linear`: rows in which the utilisation `use` of an axle
+    is larger are left out of the mean, because no estimator should learn from them."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
@@ -268,9 +291,9 @@ def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
 def compute_settling_time(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
-    """Return the time [s] from `start` until the estimate has settled. It has settled
-    when its error stays below CLOSE for the next `hold` seconds, or up to `end` if `end`
-    comes sooner. Return inf if it does not settle.
+    """Return the time [s] from `start` to the first row from which the error stays below
+    CLOSE for `hold` seconds, or up to `end` if `end` comes sooner. Return inf if there is
+    no such row.
 
     `time`, `start`, `end` [s]. `error`: relative error in each row."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
@@ -294,16 +317,18 @@ def _compute_mean(x: np.ndarray) -> float:
 
 
 def compute_log_time(d: CaseDrive) -> np.ndarray:
-    """Return the time [s] of each row as the sum of the time steps of the log. Unlike the
-    time of the drive, it includes pauses between parts of the drive."""
+    """Return the time [s] of each row since the first row, as the sum of the time
+    steps (dt) of the log. The output change_age of an estimator refers to this time."""
     now = np.cumsum(d.rows["dt"].astype(float))
     return now - now[0]
 
 
 def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
-    """Return the times [s] of the regime changes that the estimator reports, on the time
-    axis of the drive. If several rows report the same change, it is in the result only
-    once."""
+    """Return the times [s] of the regime changes that the estimator reports, on the
+    time axis of the drive. A regime change is a change of the stiffness of all tyres
+    or of one axle, or a restart of the filter. A change is reported in many rows.
+    Times that follow each other within DISTINCT belong to the same change, and only
+    the first of them is returned."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
@@ -315,11 +340,12 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes: the number of reported changes, the number of
-    false changes, and three times [s] for each event. The first is the time until the
-    event is detected. The second is the time until all stiffnesses have settled. The
-    third is the total time in which a stiffness was flagged valid although its error was
-    above OFF."""
+    """Return the scores of regime changes: the number of reported changes, the number
+    of false ones among them, and three times [s] for each event (true change of the
+    stiffness). The first is the time until the event is detected. The second is the
+    time until all stiffnesses have settled. The third is the total time, within
+    OFF_FOR after the event, in which a stiffness was flagged valid although its
+    relative error was above OFF."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(

@@ -34,8 +34,9 @@ def drive_square_waves(
 ) -> Maneuver:
     """Return the paper's square waves of steering and torque.
 
-    `torque` [Nm]; None: the torque that causes the slip LOW_SLIP. `road`: pairs of a time
-    [s] and the factor by which every stiffness is multiplied from this time on."""
+    `torque` [Nm]; None: the torque that causes the slip LOW_SLIP. `road`: changes of
+    the road surface, as pairs of a time [s] and the factor by which every stiffness is
+    multiplied from this time on, until the next change."""
     m = maneuvers.build(
         "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
     )
@@ -45,8 +46,9 @@ def drive_square_waves(
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
     """Return the torque [Nm] on the front axle that causes the constant slip `slip` of
-    this axle. The tyre force of the front axle accelerates the car and its rear wheels.
-    The torque must produce this force, and also accelerate the front wheels."""
+    this axle. The tyre force of the front axle accelerates the car and its rear
+    wheels, which are not driven. The torque has two parts: one balances this tyre
+    force, the other accelerates the front wheels at the same rate."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -122,8 +124,9 @@ def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
     return replace(m, wheel_torque_front=torque)
 
 
-# [m/s] mean and sd of the initial speed in the paper, where they are called x0 and P0.
-# The initial lateral velocity has the same sd
+# [m/s] mean and sd of the initial speed in the paper. The paper gives them as the
+# elements of the initial mean x0 and of the initial covariance P0 (1 m2/s2). The initial
+# lateral velocity has the same sd, and the mean 0
 PAPER_SPEED, PAPER_SD = 22.0, 1.0
 APPROACH, LANES_END = 10.0, 48.0  # [s] end of the straight approach, end of the drive
 
@@ -144,8 +147,9 @@ def drive_paper_waves(
 
 
 def drive_paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Return a drive like that of Sec. IV-B of the paper: ten seconds straight ahead with
-    two accelerations, then double lane changes from 13 s on."""
+    """Return a drive like that of Sec. IV-B of the paper: ten seconds straight ahead
+    with two accelerations, then the manoeuvre double-lane-change. This manoeuvre
+    begins with an acceleration of 3 s, so that the first lane change starts at 13 s."""
     m = drive_listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
     t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
     before = len(t) - len(m.time)
@@ -169,11 +173,11 @@ def drive_slow_change(
     level: float,
     after: float,
 ) -> Maneuver:
-    """Return square waves in which every stiffness changes linearly from nominal to
-    `level` times nominal.
+    """Return square waves on a road surface that changes slowly: every stiffness changes
+    linearly from nominal to `level` times nominal.
 
-    `start`, `length`: start and duration of the change [s]. `after`: time from the end of
-    the change to the end of the drive [s]."""
+    `start`, `length`: start and duration of the change [s]. `after`: time from the end
+    of the change to the end of the drive [s]."""
     m = drive_square_waves(car, sim, rng, duration=start + length + after)
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
@@ -200,9 +204,11 @@ SQUARE_WAVE_ACCEL = 1.0  # [m/s2] longitudinal acceleration in a part with squar
 
 
 def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
-    """Return ordinary driving without a change of the road: a random sequence of parts
-    (lane keeping, square waves, random steering, straight road). The speed changes
-    between the parts."""
+    """Return ordinary driving on an unchanged road surface, so that the true stiffness
+    is constant and every reported change is false. The drive is a random sequence of
+    parts, each with one kind of steering: lane keeping, square waves, random steering,
+    or none (straight ahead). Each part has a random speed, and begins with the change
+    to this speed."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
@@ -237,14 +243,15 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
 
 
 # ---- Faults of logs. Each function changes the rows in place, and returns a bool for
-# each row. True: the row is so wrong that errors of an estimator in it are not scored.
+# each row. True: the fault makes the row unusable, so that errors of an estimator in it
+# are not scored.
 
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of the four faults (dropout or frozen channel) in a log
 # [s] The log is divided into consecutive slots, and each slot has one fault. FIRST: start
 # of the first slot. SLOT: length of a slot. JITTER: max time from the start of a slot to
-# the start of its fault. Errors that a fault causes later are scored in the rest of its
-# slot
+# the start of its fault. A slot is longer than its fault, so that errors of an estimator
+# that last longer than the fault can be scored in the rest of the slot
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
@@ -282,9 +289,10 @@ def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator,
 def add_outliers(
     time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
 ) -> np.ndarray:
-    """Add outliers of `sigmas` standard deviations to a `share` of the samples of the
-    inertial channels. Errors of an estimator are scored also in rows with outliers, so
-    False is returned for every row."""
+    """Add outliers to the samples of accel_x, accel_y and yaw_rate, each with the
+    probability `share`. The size of an outlier is `sigmas` times the default noise sd
+    of the sensor, its sign is random. Errors of an estimator are scored also in rows
+    with outliers, so False is returned for every row."""
     default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
@@ -503,17 +511,19 @@ def _make_stress_cases() -> tuple[Case, ...]:
     )
 
 
-# [s] slow change of the road: its duration, its start, and the time from its end to the
-# end of the drive
+# [s] slow change of the road surface: its duration, its start, and the time from its end
+# to the end of the drive
 SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 
 
 def _make_regime_cases() -> tuple[Case, ...]:
-    """Return the cases with changes of the road.
+    """Return the cases in which the road surface, and with it the true stiffness,
+    changes.
 
-    Errors are scored in one window before and one window after the change. If the road
-    changes in one step, the first window ends 0.01 s before the change, because the row
-    at the change already has the new true stiffness."""
+    If the change is a step, errors are scored in one window before and one window
+    after it. The first window ends 0.01 s before the change, because the row at the
+    change already has the new true stiffness. If the change is slow, errors are scored
+    in one window from its start to the end of the drive."""
     two = ("tse", "known")
     return (
         Case(

@@ -48,9 +48,10 @@ def compute_rms(squares: np.ndarray) -> np.ndarray:
 def bootstrap_interval(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
-    """Return the bootstrap percentile interval of a statistic, or NaN for fewer than two
-    runs. The last axis of `values` has one entry for each run. Whole runs are resampled
-    with replacement, so that all values of a run stay together."""
+    """Return the bootstrap percentile interval of a statistic, or NaN for fewer than
+    two runs. The last axis of `values` has one entry for each run. Whole runs are
+    resampled with replacement: if `values` has several entries per run, such as
+    numerator and denominator of a ratio, they stay together."""
     values = np.asarray(values, float)
     n = values.shape[-1]
     if n < 2:
@@ -86,7 +87,8 @@ def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
 
 
 def summarise(plan: StudyPlan, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with a line for each case and estimator, in percent and seconds.
+    """Return a table with a line for each case and estimator. Errors and shares are in
+    percent, times in seconds.
 
     `runs`: the scores of all runs, from engine.run_study()."""
     lines = []
@@ -158,11 +160,11 @@ def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
-    """Return a share [%]: the sum of its numerators over all runs, divided by the sum of
-    its denominators. NaN: the denominator is 0.
+    """Return a share [%]: the sum of its numerators over all runs and over the
+    stiffnesses `keys`, divided by the same sum of its denominators. Return NaN if the
+    denominator is 0.
 
-    `keys`: stiffnesses over which the sums are taken, too. `share`: one of
-    scores.SHARES."""
+    `share`: one of scores.SHARES."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
     among = sum(part[f"{k}_{share}_of"].sum() for k in keys)
     return 100 * count / among if among else np.nan
@@ -184,11 +186,13 @@ def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") ->
 
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
-    """Return two cells with settling times [s] after an event. First cell: time until the
-    error stays below CLOSE for SETTLED_FOR. Second cell: time until the error stays below
-    CLOSE up to the next event. Each cell has the median of the runs and, in brackets, the
-    max. Median and max are computed for each stiffness, and the largest of the three
-    values is printed."""
+    """Return two cells with settling times [s] after an event, i.e. a change of the true
+    stiffness. First cell: time until the error stays below CLOSE for SETTLED_FOR. Second
+    cell: time until the error stays below CLOSE up to the next event. Each cell has the
+    median of the runs and, in brackets, the max. Median and max are computed for each
+    stiffness, and the largest of the three values is printed.
+
+    `event`: number of the event in the case, from 1."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -232,8 +236,9 @@ LEGEND = (
 
 
 def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
-    """Return a table of all cases and estimators: divergence, error,
-    coverage, validity, spread.
+    """Return a table of all cases and estimators: number of runs that diverged, errors of
+    the stiffnesses, coverage of their intervals, correctness of the flags "valid", and
+    estimated spread (sd of the stiffness from sample to sample).
 
     `summary`: from summarise()."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
@@ -304,8 +309,8 @@ def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) ->
 
 
 def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
-    """Return a list with one table: the settling times after each change of the road. The
-    list is empty if no case has such a change."""
+    """Return a list with one table: the settling times after each change of the road
+    surface (Case.events). The list is empty if no case has such a change."""
     rows = [
         [case.name, line["estimator"], f"{event:g} s", *format_settling(line, n)]
         for case in plan.study.cases
@@ -443,8 +448,9 @@ def _tabulate_lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
 
 
 def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return a table for each case, with the scores of all variants of the robust form in
-    each window."""
+    """Return a table for each case, with the scores in each window. Each row of a
+    table is the robust form of the paper's filter (tse_config_robust()) or one of its
+    variants (VARIANTS of estimators.py)."""
     tables = []
     for case in plan.study.cases:
         rows = []
@@ -596,9 +602,10 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Format times, one for each run, as "median (max)". A time is inf if the event did
-    not happen in the run. If there are such runs, the result is "median (never: number of
-    these runs)"."""
+    """Format the times until an event, one for each run, as "median (max)". A time is
+    inf if the event did not happen in this run, for example because a change was not
+    detected. If there are such runs, the result is "median (never: number of these
+    runs)"."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
@@ -633,7 +640,8 @@ def _tabulate_after(plan: StudyPlan, runs: pd.DataFrame) -> Table:
 
 
 def compute_poisson_interval(count: int, exposure: float) -> tuple[float, float]:
-    """Return the exact 95 % interval of the rate of a Poisson process (Garwood 1936).
+    """Return the exact 95 % interval of the rate of a Poisson process (Garwood 1936), in
+    events per unit of `exposure`.
 
     `count`: number of events. `exposure`: time in which they were counted."""
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
@@ -655,8 +663,10 @@ def _format_rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
 
 
 def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
-    """Return a table of the changes of regime that the estimators reported, and of those
-    among them that are false."""
+    """Return a table of the changes of regime that the estimators reported, and of the
+    false ones among them. A change of regime is a change of the stiffness of all tyres
+    or of one axle, or a restart of the filter. A report is false if the true stiffness
+    did not change at that time."""
     known = runs[runs["changes"].notna()]
     rows = [
         _format_rate(case.name, name, part)
