@@ -1,20 +1,22 @@
 /* estimator/align.c - align channels that have different latencies (settings
  * ..._latency): compose a row whose channels refer to the same time.
  *
- * L is the latency of the latest channel, or 0 if no channel is late. At the time `now`
- * all channels are known up to now - L. The composed row refers to this time or, so that
- * accel_x need not be interpolated, to the last row of accel_x before this time
- * (latencies.c). Channel c is interpolated linearly between the stored rows, at the time
- * now - latency_age[c]. dt of a composed row is the time since the previous composed row.
+ * L is the largest latency of all channels, or 0 if no channel is late. At the time `now`
+ * the values of all channels have arrived for times up to now - L. The composed row
+ * refers to the time now - L or, so that accel_x need not be interpolated, to the last
+ * row of accel_x before this time (latencies.c). Channel c is interpolated linearly
+ * between the stored rows, at the time now - latency_age[c]. dt of a composed row is the
+ * time since the previous composed row.
  *
- * Interpolation between two rows with the weights w and 1 - w multiplies the variance of
- * white noise by w^2 + (1 - w)^2. The lost share, 2 w (1 - w), becomes correlation with
- * the neighbouring rows. At the low frequencies from which stiffness and biases are
- * estimated, interpolation does not reduce the noise. The filter therefore uses the noise
- * sd of the settings also for interpolated values. With a smaller sd, a filter that
- * assumes independent rows would be overconfident and take the correlated noise for a
- * disturbance. The default filter estimates the noise variance of a channel from the
- * composed rows. */
+ * Interpolation between two rows with the weights w and 1 - w multiplies the variance
+ * of white noise by w^2 + (1 - w)^2. The rest of the variance, the share 2 w (1 - w),
+ * is not removed, but becomes correlation with the neighbouring rows. Stiffness and
+ * biases are estimated from low frequencies, at which interpolation does not reduce
+ * the noise. The filter therefore uses the noise sd of the settings also for
+ * interpolated values. It assumes that the noise of different rows is independent. With
+ * the smaller sd of a single interpolated row it would therefore be overconfident, and
+ * take the correlated noise for a disturbance. The default filter estimates the noise
+ * variance of a channel from the composed rows. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -24,8 +26,9 @@
                               * are rounded. At a jerk of 50 m/s3, as in an emergency
                               * manoeuvre, a channel changes by 0.001 m/s2 in this time */
 
-/* [s] If a channel is missing in some rows, it is interpolated between two of its values
- * that are at most this far apart. */
+/* [s] If a channel is missing in some rows, it is interpolated between two of its
+ * values that are at most this far apart. Between values that are further apart, it is
+ * missing. */
 #define MAX_HOLE TSE_R(0.1)
 
 /* Return the index in the ring of the row before or after the one at index `at`. */
@@ -50,8 +53,9 @@ static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Return whether the stored rows reach back to latency_span before the newest row. This
- * is the time at which the channel with the smallest latency is read. */
+/* Return whether the stored rows are enough to read all channels. The channel with the
+ * smallest latency is read latency_span before the newest row. The rows must reach
+ * back to this time. */
 static int spans_latencies(const tse_params *p, const tse_alignment *m)
 {
   tse_real age = TSE_R(0);
@@ -64,13 +68,13 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
   return 0;
 }
 
-/* Find the nearest value of channel c before or after a row.
- *   Given:     at     index of the row
+/* Find the nearest value of channel c before or after row `at`.
+ *   Given:     at     index of the row where the search starts
  *              back   1: search older rows; 0: search newer rows
  *              rows   number of rows to search
- *   Updated:   apart  [s] in: time from a reference row to row `at`; out: time from the
- *                     reference row to the row of the value
- *   Returned:  1 and *value; 0 if there is no value within MAX_HOLE */
+ *   Updated:   apart  [s] distance from the nearer row of interpolate_rows(). In:
+ *                     distance of row `at`; out: distance of the row of the value
+ *   Returned:  1 and *value; 0 if no value has a distance of at most MAX_HOLE */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
 {
@@ -86,14 +90,17 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, the n-th newest, and the row before it. One of
- * these two rows is nearer to the requested time. If the nearer row has no value of the
- * channel, the result is missing. If only the farther row has no value, search on in its
- * direction for a row that has a value, and interpolate between this row and the nearer
- * row. If no such row is within MAX_HOLE of the nearer row, take the value of the nearer
- * row. The result: a channel that is logged in every second row is known in every second
- * composed row.
- *   Given:     share  weight of the newer row
+/* Interpolate channel c at a requested time between row `at`, the n-th newest, and the
+ * row before it. One of these two rows is nearer to the requested time. There are three
+ * cases.
+ *   1. The nearer row has no value of the channel: the result is missing.
+ *   2. Both rows have a value: interpolate between them.
+ *   3. Only the farther row has no value: search beyond it for the next row with a value,
+ *      and interpolate between that row and the nearer row. If no row within MAX_HOLE of
+ *      the nearer row has a value, take the value of the nearer row.
+ * A channel that is logged in every second row is thus known in every second composed
+ * row.
+ *   Given:     share  weight of row `at`
  *   Returned:  as read_channel() */
 static int interpolate_rows(
     const tse_alignment *m, int c, int32_t at, int32_t n, tse_real share, tse_real *value, tse_real *lost)
@@ -134,8 +141,10 @@ static int read_channel(const tse_alignment *m, int c, tse_real age, tse_real *v
   return (m->missing[at] & 1u << c) == 0;
 }
 
-/* Compose the row of the newest time at which all channels are known.
- *   Updated:   m->lost
+/* Compose the row that a step processes: read each channel at its age p->latency_age, so
+ * that all values refer to the same time.
+ *   Updated:   m->lost, the share of noise variance that interpolation removes, of each
+ *              IMU channel
  *   Returned:  row */
 static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
@@ -148,9 +157,10 @@ static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  /* optional channels are copied from the newest row, without interpolation: the model
-   * takes the latency of a velocity into account (velocity_late), and grade and bank
-   * change little within 0.2 s */
+  /* optional channels are copied from the newest row, without interpolation. For a
+   * measured velocity the model takes into account that its time differs from the time
+   * of the composed row (velocity_late). Grade and bank change little within 0.2 s,
+   * the max of the settings ..._latency */
   row->given = u->given;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);

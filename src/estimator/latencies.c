@@ -1,11 +1,11 @@
-/* estimator/latencies.c - find the time to which a processed row refers, from the
- * latencies of the channels. */
+/* estimator/latencies.c - find the time to which a processed row refers. If channels
+ * have latencies, it is earlier than the time of the newest row (align.c). */
 #include "estimator/settings.h"
 
-/* Number of rows stored in addition to the span of the latencies: one before the
- * span, one after the span, and two because rows may be closer together than the
- * sample time. For a span of 28 sample times, these two allow for rows that are 7 %
- * closer together. */
+/* Number of rows stored in addition to the rows within the span of the latencies: one
+ * before the span and one after it, for interpolation, and two because rows may be
+ * closer together than the sample time. Example: at a sample time of 0.01 s a span of
+ * 0.28 s has 28 rows. Two more rows suffice if rows are 7 % (2/28) closer together. */
 #define ROWS_TO_SPARE 4
 
 #if TSE_LATENCY_ROWS == 0
@@ -32,22 +32,26 @@ static void read_latencies(const tse_config *c, tse_setting latency[TSE_CHANNELS
   latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
-/* [s] A processed row refers to the time `age` before the newest row. Among the values
- * for that time, the value of the earliest channel (the one with the smallest latency)
- * was logged first: `span` before the newest row. */
+/* [s] A processed row refers to the time `age` before the newest row. Each channel has
+ * its own latency, so that the values for that time were logged at different times.
+ * The value of the earliest channel (the one with the smallest latency) was logged
+ * first: `span` before the newest row. */
 typedef struct reading_time {
   tse_setting age, span;
   int earliest, latest;
 } reading_time;
 
-/* Compute the time to which a processed row refers: the newest time at which all channels
- * are known or, if rows are sample_time apart, the last row of accel_x before that time.
- * accel_x is then not interpolated. Interpolation would correlate the noise of accel_x in
- * successive rows, and v_x would follow this noise. In a test, interpolation of accel_x
- * by half a row biased the longitudinal stiffness by 8 %, and the filter took the noise
- * for a disturbance. Interpolated noise of accel_y and of the gyro has no such effect
- * (tests/lab/test_latency.py). If accel_x, accel_y and yaw rate come from one IMU, they
- * have the same latency, and none of them is interpolated. */
+/* Compute the time to which a processed row refers. It is the newest time for which the
+ * values of all channels have arrived, moved back to the last row of accel_x before it,
+ * so that accel_x is not interpolated. This row is found from the setting sample_time. If
+ * rows are not sample_time apart, accel_x is interpolated.
+ *
+ * Interpolation would correlate the noise of accel_x in successive rows, and v_x would
+ * follow this noise. In a test, interpolation of accel_x by half a row biased the
+ * longitudinal stiffness by 8 %, and the filter took the noise for a disturbance.
+ * Interpolated noise of accel_y and of the gyro has no such effect
+ * (tests/lab/test_latency.py). If accel_x, accel_y and yaw rate come from one IMU,
+ * they have the same latency, and none of them is interpolated. */
 static reading_time compute_reading_time(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
@@ -83,8 +87,9 @@ void prepare_latencies(const tse_config *c, tse_params *p)
   read_latencies(c, latency);
   const reading_time r = compute_reading_time(c, latency);
   p->latency = real_of(r.age);
-  /* In a composed row the velocities come from the newest row (align.c). The other values
-   * are `age` older. */
+  /* In a composed row the velocities come from the newest row (align.c), whereas the
+   * other values are `age` older. Relative to the other values, the velocities are
+   * therefore late by velocity_latency - age, which may be negative. */
   p->velocity_late = real_of(c->velocity_latency - r.age);
   p->latency_span = real_of(r.span);
   p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));

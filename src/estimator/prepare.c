@@ -7,8 +7,9 @@
 #include "tables/copies.h"
 
 #define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
-/* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m. It
- * is used if the sd from the setting wheel_noise_sd is smaller. The default is 0. */
+/* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m.
+ * It is used if the setting wheel_noise_sd gives a smaller sd, as its default, 0,
+ * does. */
 #define MIN_WHEEL_SD TSE_S(0.012)
 /* [m] Min relaxation length. If the length is shorter, the slip angle settles within one
  * substep even at 10 m/s, so that a shorter length would hardly change the result. */
@@ -17,8 +18,8 @@
  * temperature. The ratio is estimated in every car, because even a small error looks like
  * slip: an error of 0.0005, a quarter of this sd, is half the slip of steady driving. */
 #define MIN_RADIUS_SD TSE_R(0.002)
-/* [1] Rolling resistance coefficient of a freely rolling axle if its setting is 0: a
- * usual value of car tyres. */
+/* [1] Coefficient of the rolling resistance that brakes a freely rolling axle, if the
+ * setting rolling_resistance_coefficient is 0: a usual value of car tyres. */
 #define DEFAULT_ROLLING TSE_S(0.01)
 
 /* Mix a word into the FNV-1a fingerprint h (a hash). A filter stores the fingerprint of
@@ -75,8 +76,9 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* tyre_saturation_balance was added later. If it is 0, it does not change the
-     * fingerprint, so that states saved by older versions stay valid */
+    /* tyre_saturation_balance is newer than the first saved learnt states. If it is 0,
+     * it does not change the fingerprint, so that learnt states saved by older
+     * versions stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
     h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
@@ -122,18 +124,22 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 }
 
 #if defined(TSE_REAL_FIXED)
-/* Limits of the constants of a filter in fixed point (check_range()). The unit sigma is
- * the sd of a sensor. Covariances in sigma^2 contain squares of the limited quantities,
- * and must not exceed FIXED_MOST, 2^27 (1.3e8), at which numbers saturate. One step of
- * the format is 2e-10. A variance that is added in each row must be at least one step. */
+/* Limits of the constants of a filter in fixed point (check_range()). Numbers saturate
+ * at FIXED_MOST, 2^27 (1.3e8), and the smallest positive number, one step, is 2e-10.
+ * The particle filter divides measurements by the sd of their sensor (unit sigma). Its
+ * covariances, in sigma^2, contain squares of the quantities below, and must stay
+ * below FIXED_MOST. The limits ensure this. A variance that is added in each row must
+ * be at least one step, otherwise it is rounded to 0 (is_below_step()). */
 
 /* [sigma per unit of slip] Max change of an accelerometer value by slip; 230 times the
- * value of the default car. At this limit a slip of 10 % together with a stiffness error
- * of 30 % causes an error of 3900 sigma, whose square is below FIXED_MOST. Also the max
- * of tse_params.damping times the longest step [m/s]. */
+ * value of the default car. At this limit a slip of 10 % together with a stiffness
+ * error of 30 % causes an error of 131072 * 0.1 * 0.3 = 3900 sigma, whose square is
+ * below FIXED_MOST. The same number limits another quantity, tse_params.damping times
+ * the longest step [m/s]. */
 #define MAX_SIGNAL_GAIN TSE_R(131072)
-/* [sigma] Max initial sd of the yaw rate; its square is below FIXED_MOST. Also the max of
- * (mass times distance of an axle)/(yaw inertia) [1/m]. */
+/* [sigma] Max initial sd of the yaw rate; its square is below FIXED_MOST. The same
+ * number limits another quantity, (mass times distance of an axle)/(yaw inertia)
+ * [1/m]. */
 #define MAX_START TSE_R(4096)
 /* [sigma^2] Max initial variance of a bias, and max increase of this variance per
  * second. */
@@ -141,8 +147,8 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 /* [1] Max of the square of the setting noise_max. */
 #define MAX_NOISE TSE_R(65536)
 
-/* Return whether rate times dt, the increase in one row, is rounded to 0 although the
- * rate is positive. */
+/* Return whether a variance does not grow although its rate is positive, because rate
+ * times dt, its increase in one row, is rounded to 0. */
 static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
 /* Check that the constants of a filter are within the limits MAX_SIGNAL_GAIN ... above.
@@ -268,8 +274,8 @@ static void prepare_readings(const tse_config *c, tse_params *p)
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Compute means and sds of the initial state from the settings. prepare_copies() has
- * copied those that are equal to a setting. */
+/* Compute means and sds of the initial state from the settings. Means and sds that are
+ * equal to a setting have already been copied by prepare_copies(). */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
@@ -292,8 +298,9 @@ static void prepare_prior(const tse_config *c, tse_params *p)
 }
 
 /* Compute the car model and the prior of the default filter, the Kalman filter.
- *   Given:    c  settings, with CONSTANT effects applied
- *   Updated:  p  already has stiffness and geometry */
+ *   Given:    c  settings, changed by the effects of hook CONSTANT
+ *                (apply_constant_effects())
+ *   Updated:  p  already has nominal stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
   prepare_tyres(c, p);
@@ -329,14 +336,15 @@ static void prepare_imu(tse_params *p)
 }
 
 /* Compute times and limits of a row. For the particle filter (form 1) also compute the
- * longest and shortest integration step, and the fastest damping rate of the car, from
- * which it computes the step in each row. */
+ * longest and shortest integration step, and the fastest damping rate of the car. In
+ * each row the particle filter chooses its integration step from these three numbers. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
-  /* damping rates times speed: of v_x (due to the longitudinal stiffness), of v_y and of
-   * the yaw rate (both due to the cornering stiffness) */
+  /* damping rates of v_x (due to the longitudinal stiffness), of v_y and of the yaw
+   * rate (both due to the cornering stiffness), each times speed. The damping rates
+   * are proportional to 1/speed, so that these products are constants of the car */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
   tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
   const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
@@ -362,8 +370,10 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  /* symbols of the paper: Sigma = Lambda/(nu - d_w - 1) is the square of the spread, and
-   * gamma Sigma is the variance of the mean; d_w = 3 is the number of stiffnesses */
+  /* the setting initial_spread gives the sd of the stiffness from sample to sample. In
+   * symbols of the paper its square is Sigma = Lambda/(nu - d_w - 1), and the variance
+   * of the mean stiffness is gamma Sigma; d_w = 3 is the number of stiffnesses. lam0
+   * is Lambda/nu, gamma0 is gamma */
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(compute_square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(compute_square(c->initial_mean_sd));

@@ -20,9 +20,10 @@ void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS]);
 #endif
 
 /* latencies.c: check that the filter stores enough rows for the span of the latencies.
- *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the name of the latency furthest
- *              from 0. In a build that allows no latencies, *wrong is the name of the
- *              first latency that is not 0 */
+ *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the name of the latency that makes
+ *              the span too long: the one furthest from 0, the latency of the yaw rate.
+ *              In a build that allows no latencies, *wrong is the first latency that is
+ *              not 0 */
 tse_status check_latencies(const tse_config *c, const char **wrong);
 
 /* latencies.c: compute how old a row is when it is processed (latency), and how old the

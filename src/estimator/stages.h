@@ -25,7 +25,8 @@ typedef struct sample {
  * last value. f does not change. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
 
-/* align.c: compose the row of the newest time at which all channels are known.
+/* align.c: store row u, and compose the row of the newest time for which the values of
+ * all channels have arrived.
  *   Updated:   f->waiting, unless the result is negative
  *              row         if the result is TSE_OK. It is then a valid row for a step
  *   Returned:  TSE_OK, TSE_W_WAITING if there is no new row yet, or a negative status if
@@ -41,13 +42,14 @@ void start_of_settings(const tse_params *p, tse_start *s);
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
 /* paper/row.c: process a row with the particle filter. f must be the first member of a
- * tse_filter_paper. */
+ * tse_filter_paper, because the function casts f to a pointer to that struct. */
 tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
 
 /* paper/estimate.c: report the present estimates of the particle filter.
  *   Returned:  lam  upper triangle, by rows, of the weighted mean of Lambda/nu over the
- *                   particles (Lambda, nu: symbols of the paper)
- *              nu   degrees of freedom */
+ *                   particles. Lambda is a symbol of the paper: scale matrix in the
+ *                   distribution of the covariance of the stiffness
+ *              nu   degrees of freedom of this distribution */
 void report_particles(
     const tse_params *p, const tse_filter *f, tse_output *now, tse_real lam[6], tse_real *nu);
 

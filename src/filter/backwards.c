@@ -4,23 +4,29 @@
  * In reverse the yaw rate has the opposite sign of the steering angle, and accel_x is
  * negative while the magnitude of the speed increases. Two tests use this: one compares
  * yaw rate and steering angle, the other compares accel_x and the gain of speed. Each
- * test gives the log odds of reverse. They are reset to 0 whenever the car is slower than
- * MIN_ROLLING_SPEED, where it can change its direction, and whenever a wheel speed is
- * negative, because the log then has a sign and needs no test. The car counts as rolling
- * backwards if the sum of the two log odds is large and each of the two is above a lower
- * limit (MIN_EACH_ODDS). The sum alone is not enough: a channel with a wrong sign makes
- * the odds of one test large. */
+ * test gives the log odds of reverse. The log odds of both tests start again at 0
+ * whenever the car is slower than MIN_ROLLING_SPEED, where it can change its direction,
+ * and whenever a wheel speed is negative, because the log then has a sign and needs no
+ * test. Above MAX_REVERSE_SPEED the car drives forwards, and both log odds are set to the
+ * min, -TAIL.
+ *
+ * The car counts as rolling backwards if the sum of the two log odds is large
+ * (MIN_REVERSE_ODDS) and each of the two is above a lower limit (MIN_EACH_ODDS). The
+ * sum alone is not enough: a channel with a wrong sign makes the odds of one test
+ * large. */
 #include "filter/filter.h"
 
-/* Return the natural log odds of y = -x against y = x.
- *   Given:  var  variance of the error of y + x, or of y - x */
+/* Return the natural log odds of y = -x against y = x for equal prior probabilities and
+ * normal errors: -2 x y / var, limited to -TAIL .. TAIL.
+ *   Given:  var  variance of the error: of y + x if y = -x, of y - x if y = x */
 static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
 {
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the yaw rate and the steering angle. The variance
- * of the expected yaw rate allows for an offset of the steering angle (STEER_FAULT_SD).
+/* Update the log odds of reverse from the yaw rate and the steering angle. The yaw rate
+ * is compared with speed times steering angle / wheelbase. The variance of their
+ * difference allows for an offset of the steering angle (STEER_FAULT_SD).
  *   Given:  turn  [rad/s] measured yaw rate, less the gyro bias */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
@@ -32,10 +38,11 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse from the gain of speed and the integral of accel_x. The
- * integral also contains gravity along the road, so that the variance grows with time.
- * When the speed no longer changes, new log odds therefore shrink towards 0. Keep the log
- * odds of the largest magnitude so far. */
+/* Update the log odds of reverse from the gain of speed and the integral of accel_x.
+ * The integral also contains gravity along the road, so that its variance grows with
+ * time. When the speed no longer changes, newly computed log odds therefore shrink
+ * towards 0, which would discard the earlier evidence. So keep the log odds of the
+ * largest magnitude so far. */
 static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);
