@@ -30,9 +30,9 @@ static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input 
 }
 
 #if TSE_LATENCY_ROWS > 0
-/* Fill the output of a row that is only stored, because values of late channels that
- * belong to it have not arrived: report the estimates of the last step or, before the
- * first step, the initial estimates. */
+/* Fill the output of a row that is stored without a step, because some channels are late
+ * and their values for the time of this row have not arrived. Report the estimates of the
+ * last step or, before the first step, the initial estimates. */
 static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;

@@ -1,27 +1,33 @@
-/* filter/events.c - hypotheses of what may have happened: a change of the road or of the
- * tyres of an axle, wheels that slide, a channel at fault.
+/* filter/events.c - test hypotheses of sudden events: a different road surface, a change
+ * of the tyres of one axle, wheels that slide, a channel at fault. In this file "change
+ * of tyres" means any event that changes the stiffness (is_tyre_change()), also a
+ * different road surface, which acts on all tyres.
  *
- * An event of amplitude w ~ N(0, 1) shifts the state by w v, v being the sensitivity of
- * the state to w. v is propagated with the transitions and gains of the filter. Each
- * innovation then has the mean w h' v (h: partial derivatives of the measurement with
- * respect to the state). From it the exact likelihood of w follows (Willsky & Jones 1976)
- * at a hundredth of the cost of a second filter. At regular intervals a new hypothesis of
- * each kind is opened. It occupies a slot, i.e. an element of tse_kalman.event that is
+ * If an event of amplitude w has happened, the state has the error w v. The amplitude has
+ * the prior N(0, 1). v is the sensitivity of the state to w, and is propagated with the
+ * transitions and gains of the filter. Each innovation then has the mean w h' v (h:
+ * partial derivatives of the measurement with respect to the state). The innovations
+ * therefore give the exact likelihood of w (Willsky & Jones 1976), at a hundredth of the
+ * cost of a second filter. At regular intervals a new hypothesis of each kind is opened:
+ * the event happens now. It occupies a slot, i.e. an element of tse_kalman.event that is
  * reserved for its kind.
  *
- * Events form two groups. When the posterior probability of "no event" in a group falls
- * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if
- * its own probability is below BELIEVED: the state is shifted, and the variances of the
- * kind (kind.own) are added to its covariance. A hypothesis that is discarded is merged
- * into the state with a weight that increases with its probability
- * (compute_merge_weight()). After a change the car may return to the previous road, for
- * example at the end of a patch of ice or water. The amplitude of such a return is
- * known: w = 1. If it is accepted, stiffness and grip are updated with their values on
- * the previous road (recall_state()). */
+ * The kinds form two groups, lateral and longitudinal. When the posterior probability of
+ * "no event" in a group falls below 1 - BELIEVED, the most probable hypothesis of the
+ * group is accepted, even if its own probability is below BELIEVED: the state is shifted
+ * by the estimated amplitude times v, and the variances of the kind (kind.own) are added
+ * to its covariance. A hypothesis whose slot is taken for a newer one is discarded. It is
+ * then merged into the state with a weight that increases with its probability
+ * (compute_merge_weight()).
+ *
+ * After a change the car may return to the previous road, for example at the end of a
+ * patch of ice or water. The amplitude of such a return is known: w = 1. If the return
+ * is accepted, stiffness and grip are updated with their values on the previous road
+ * (recall_state()). */
 #include "filter/filter.h"
 
-/* A state that an event shifts, and the size of the shift at an amplitude of 1: `by` is
- * the index of an sd in get_sd(). In unused elements `state` is -1. */
+/* A state that an event shifts. The shift at an amplitude of 1 is an sd, and `by` is
+ * its index in get_sd(). In unused elements `state` is -1. */
 typedef struct opens {
   int8_t state, by;
 } opens;
@@ -36,9 +42,10 @@ static tse_real get_sd(const opens *o)
   return sds[o->by];
 }
 
-/* Number of slots of EVENT_ROAD: slots 0 .. ROADS - 1. The next ROADS slots
- * hold the second amplitudes of these events (EVENT_ROAD_AXLE_DIFF). Each other
- * kind has one slot. */
+/* Number of slots of EVENT_ROAD: slots 0 .. ROADS - 1. Such an event has a second
+ * amplitude, the difference of the change between the axles (EVENT_ROAD_AXLE_DIFF).
+ * The second amplitude of the event in slot n is in slot n + ROADS. Each other kind
+ * has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char
     roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
@@ -65,12 +72,13 @@ typedef struct kind {
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX, the
- * logarithm of the longitudinal stiffness, by the same share as the cornering stiffness.
- * It also adds to LCX an sd of twice the longitudinal model error, once for the old and
- * once for the new tyres. UNUSED marks kinds without states in this table: open_slot()
- * sets the states of EVENT_ROAD_RETURN, and a faulty sensor shifts no state, only its own
- * measurements (events_learn()). */
+/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX,
+ * the logarithm of the longitudinal stiffness, with the same sd as the logarithm of
+ * the cornering stiffness. LCX also contains the longitudinal model error, which may
+ * be different for the old and the new tyres. When the change is accepted, LCX
+ * therefore also receives an sd of twice the sd of this error. UNUSED marks kinds
+ * without states in this table: open_slot() sets the states of EVENT_ROAD_RETURN, and
+ * a faulty sensor shifts no state, only its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -140,14 +148,18 @@ static int get_channel_group(int channel)
 
 static int is_axle_change(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
-/* Return whether an event that changes stiffness shifts LCX, too. If the road changes, it
- * does. If the tyres of one axle change, it does only if this axle is driven. */
+/* Return whether an event that changes the cornering stiffness also shifts LCX, the
+ * logarithm of the longitudinal stiffness. A change of the road surface does. A change
+ * of the tyres of one axle does only if this axle is driven. */
 static int is_along(const tse_params *p, int32_t which)
 {
   return !is_axle_change(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
 }
 
-/* Return whether a measurement of a channel is evidence for a kind of event.
+/* Return whether a measurement of a channel is evidence for a kind of event. A channel is
+ * evidence for the events of its group. For a change of tyres, whose kinds are lateral,
+ * longitudinal channels are evidence too, but only while the car does not brake. For a
+ * return to the previous road every channel is evidence.
  *   Given:  along  1: the car does not brake (scalar.along) */
 static int is_evidence_for(int32_t which, int channel, int32_t along)
 {
@@ -159,9 +171,9 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
  * holds a second amplitude. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
-/* Compute the information and the score (event_posterior) of the event in slot n. If the
- * event has a second amplitude, integrate over this amplitude. The prior of both
- * amplitudes is N(0, 1).
+/* Compute the information and the score (event_posterior) on the amplitude of the event
+ * in slot n. If the event has a second amplitude, compute them from the likelihood that
+ * is integrated over the second amplitude. The prior of both amplitudes is N(0, 1).
  *   Returned:  all members but amplitude and var */
 static event_posterior integrate_second(const tse_kalman *k, int n)
 {
@@ -194,11 +206,12 @@ event_posterior compute_posterior(const tse_kalman *k, int n)
   return s;
 }
 
-/* Update an event with a measurement.
+/* Update the information and the score of an amplitude with a measurement.
  *   Given:  y      shift of the innovation by an amplitude of 1
  *           ys     y / variance of the innovation
  *           e      innovation
- *           first  for a second amplitude: y of the first amplitude of this event */
+ *           first  y of the first amplitude of the event; used only if `a` is the second
+ *                  amplitude */
 static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
   a->info = r_min(a->info + r_mul(y, ys), MAX_INFO);
@@ -210,7 +223,8 @@ static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, 
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
 /* For each of the TOGETHER events in `a`, compute y, the shift of the innovation by an
- * amplitude of 1, and change the sensitivity v to v - K y (K: Kalman gain).
+ * amplitude of 1. Then correct the sensitivity v of the state as the measurement corrects
+ * the state: v becomes v - K y (K: Kalman gain).
  *   Given:    all  number of states, including the extra states in use
  *   Updated:  y    in: shift by the offset of a faulty sensor; out: shift in total */
 static void correct_together(
@@ -248,19 +262,23 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
   }
 }
 
-/* Return whether an event of this kind may be accepted because its sensor is frozen. This
- * is possible only while no channel is at fault, because the filter treats at most one
- * channel as faulty at a time. */
+/* Return whether evidence that a sensor is frozen counts as evidence for this kind of
+ * event. It counts for a fault of this sensor, and only while no channel is at fault,
+ * because the filter treats at most one channel as faulty at a time. */
 static int can_name_frozen(const tse_kalman *k, int32_t which)
 {
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
 }
 
-/* Return the log2 penalty of an event that increases a cornering stiffness. The nominal
- * stiffness is that of a road with good grip, so that a change to a different road
- * decreases the stiffness. A change of the road is penalised for the excess of the new
- * stiffness over the nominal stiffness, relative to the prior sd. A change of an axle is
- * penalised for the whole increase, less the decrease at the last change of tyres.
+/* Return the log2 penalty of an event that increases a cornering stiffness: log2(e)
+ * excess^2/(2 variance), the larger of the two axles. The nominal stiffness is that of a
+ * road with good grip, so that a change of the road surface normally leads to a lower
+ * stiffness than nominal. The excess of a change of the road is therefore ln(new
+ * stiffness/nominal). If it is negative, there is no penalty. The variance is that of the
+ * prior plus USUAL_MODEL_SD^2.
+ *
+ * The excess of a change of the tyres of one axle is the increase of ln(stiffness),
+ * less its decrease at the last change of tyres. The variance is MODEL_FLOOR^2.
  * Without this second penalty stiffer rear tyres would be as likely as softer front
  * tyres, because both change the response to steering in the same way. */
 static tse_real penalise_stiffer(
@@ -282,13 +300,15 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return log2 of the ratio of two likelihoods: that the event in slot n has happened,
- * and that no event has. If the event is a faulty sensor, the result is at least the
- * evidence that the sensor is frozen (tse_kalman.frozen). After a change of tyres
- * innovations are large until the new stiffness is found. For SETTLE_TIME after the
- * change the ratio of a fault is therefore limited to 0, so that large innovations do not
- * make a fault more likely than no event. The limit does not apply to the evidence that a
- * sensor is frozen. */
+/* Return log2 of the ratio of two likelihoods of the samples since the hypothesis in slot
+ * n was opened: if its event has happened, and if no event has. If the event increases a
+ * cornering stiffness, penalise_stiffer() is subtracted.
+ *
+ * If the event is a fault, the ratio is limited to 0 for SETTLE_TIME after a change of
+ * tyres. In this time innovations are large until the new stiffness is found, and must
+ * not make the fault more likely than no event. If the fault is that of a sensor, the
+ * result is at least the evidence that the sensor is frozen (tse_kalman.frozen). The
+ * limit does not apply to this evidence. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -311,8 +331,9 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* compare the posterior mean square of the amplitude with the square of the min
-   * amplitude; without samples the posterior is the prior */
+  /* compare the posterior mean square of the amplitude, mean^2 + variance, with the
+   * square of the min amplitude (kind.least). Both sides are multiplied by (1 +
+   * info)^2. Without samples the posterior is the prior */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
@@ -384,9 +405,9 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Update the filter with a pseudo-measurement of state i, a stiffness or the grip. Value
- * and variance of this measurement are those that the state had on the previous road,
- * before the last change. */
+/* Return state i, a stiffness or the grip, to its value on the previous road, before
+ * the last change: update the filter as if this state had been measured with the mean
+ * and variance of that time. The correlated states and the covariance then follow. */
 static void recall_state(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
@@ -412,16 +433,18 @@ int can_return(const tse_kalman *k)
       || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind. Take a free slot. If no slot is free, take
- * the slot of the oldest event. If a kind has several slots, its most likely event keeps
- * its slot for ROAD_TIME, because on a drive with few bends the evidence of one second is
- * not enough for a decision. An event that is not accepted within ROAD_TIME is probably
- * drift or model error, and loses its slot. A change of an axle also keeps its slot for
- * ROAD_TIME, as long as it is more likely than no event.
+/* Find a slot for the next event of a kind. Take a free slot. If no slot is free, wait
+ * until the youngest event of the kind has the age `due`, then take the slot of the
+ * oldest event. Some events keep their slot until they are ROAD_TIME old, and are passed
+ * over until then. If a kind has several slots, this is its most likely event, because on
+ * a drive with few bends the evidence of one second is not enough for a decision. A
+ * change of the tyres of an axle keeps its slot as long as it is more likely than no
+ * event. An event that is not accepted within ROAD_TIME is probably drift or model error,
+ * and loses its slot.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event of the kind before a slot with an
  *                     event is taken
- *   Returned:  the slot; -1 if no event is to be opened now */
+ *   Returned:  the slot; -1 if no event is to be opened in this row */
 static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
 {
@@ -442,9 +465,9 @@ static int find_slot(
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift the state by `by`. For a change of tyres the elements of `by` for stiffness and
- * grip are relative changes of the tyre force. These states are logarithms, and therefore
- * shift by ln(1 + by).
+/* Shift the state by `by`, in units of the state. The states for stiffness and grip are
+ * logarithms. In a change of tyres their elements of `by` are relative changes of the
+ * stiffness or grip, so that these states shift by ln(1 + by).
  *   Returned:  rescale  derivative of the shifted state with respect to `by` */
 static void move_state(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
@@ -462,9 +485,9 @@ static void move_state(
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-/* Add var v v' to the covariance, v being the product of slopes and
- * rescale, element by element.
- *   Given:  slopes   in the units of `by` of move_state()
+/* Add to the covariance the variance var of an amplitude, by which the state shifts: add
+ * var v v'. Element i of v is slopes[i] times rescale[i].
+ *   Given:  slopes   derivative of `by` of move_state() with respect to the amplitude
  *           rescale  from move_state() */
 static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
@@ -475,9 +498,10 @@ static void add_rank_one(
   ud_add(&k->ud, v, STATES - 1, var);
 }
 
-/* Add the independent variances of a kind (kind.own) to the covariance. For a change of
- * tyres also add (OWN_SHARE times the step of the stiffness)^2. This is the variance of
- * the linearisation error: earlier updates were linearised at the old stiffness.
+/* Add to the covariance the variances by which an event of this kind increases single
+ * states (kind.own). For a change of tyres also add (OWN_SHARE times the step of the
+ * stiffness)^2 to each of these states. This is the variance of the linearisation error:
+ * earlier updates were linearised at the old stiffness.
  *   Given:  was     stiffness and grip before the step
  *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
@@ -497,10 +521,11 @@ static void widen_states(
   }
 }
 
-/* Return the weight with which a discarded event is merged. For a lateral event it is the
- * square of its probability, because events of small probability are mostly model errors.
- * A square below MIN_WEIGHT counts as 0. For longitudinal events the weight is 0, because
- * slip is estimated from each row. */
+/* Return the weight with which a discarded event is merged. For a lateral event it is
+ * the square of its probability, because events of small probability are mostly model
+ * errors. A square below MIN_WEIGHT counts as 0. For longitudinal events the weight is
+ * 0: wheels that slide need no merging, because the slip is estimated in each row, and
+ * a faulty sensor shifts no state. */
 static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
   const tse_real weight = k->event[n].kind != EVENT_NONE && get_group(k->event[n].kind) == LATERAL
@@ -531,10 +556,10 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it into the state with this weight. For a change of tyres LCX
- * is not shifted: the mean of the slip stiffness changes only with accepted changes of
- * tyres. The increase of the variance of LCX is also added to the variance of the slip
- * stiffness without model error (tse_along). */
+/* Discard event n and merge it into the state with this weight. If the event is a
+ * change of tyres, the mean of LCX is not shifted, because only accepted changes shift
+ * it. But the variance of LCX increases. The same increase is added to the variance of
+ * the slip stiffness without model error (tse_along). */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -544,9 +569,10 @@ static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real we
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind that is due. If its slot holds an older event, discard
- * that event. At most one discarded event is merged per row, which bounds the computing
- * time. The slots are in the order of the kinds. */
+/* Open the next event of each kind that is due. If its slot holds an older event,
+ * discard that event. At most one discarded event is merged per row, which bounds the
+ * computing time. If a second one would have to be merged, the opening of its
+ * successor waits for the next row. The slots are in the order of the kinds. */
 static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, has_merged = 0;
@@ -566,10 +592,12 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
   }
 }
 
-/* Store the accepted change for the output. Also store the stiffness before the change,
- * for a later EVENT_ROAD_RETURN. A change within SETTLE_TIME of the last change counts as
- * part of the last change, unless it is a return. A fault that was accepted before is
- * withdrawn, because its evidence may have come from this change. */
+/* Store the accepted change for the output. Also store the stiffness before the
+ * change, to which a later EVENT_ROAD_RETURN returns. If the change is not a return
+ * and comes within SETTLE_TIME of the last change, it counts as part of the last
+ * change: the stored stiffness and the time of the last change stay as they are. A
+ * fault that was accepted before is withdrawn, because its evidence may have come from
+ * this change. */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
@@ -611,11 +639,13 @@ static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_re
   return best;
 }
 
-/* Merge the accepted event n into the state. A change of the road can look like a change
- * of the tyres of one axle, and vice versa. If n is a change of tyres, the most probable
- * event of each of the three kinds (road, front axle, rear axle) is therefore merged,
- * with its share of the sum of the three probabilities. A kind with a share below 1 -
- * BELIEVED is left out. */
+/* Merge the accepted event n into the state. A different road surface can look like a
+ * change of the tyres of one axle, and the other way round. If n is one of the three
+ * kinds road, front axle or rear axle, the most probable event of each of the three
+ * kinds is therefore merged. Its weight is the share of its kind in the sum of the
+ * probabilities of the three kinds. If the share of a kind other than that of n is
+ * below 1 - BELIEVED, the kind is left out, and n receives its share. If n is of any
+ * other kind, only n is merged, with the weight 1. */
 static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,
@@ -659,10 +689,11 @@ static void accept_event(const tse_params *p, tse_kalman *k, int n)
   close_events(k, get_group(which));
 }
 
-/* Return the slot of the most probable event of a group that needs a reaction, or -1. A
- * change of an axle is not accepted before its hypothesis has been open for SETTLE_TIME:
- * the tyres of one axle change slowly, whereas a new road reaches the front axle first
- * and then looks like a change of the front tyres. */
+/* Return the slot of the most probable event of a group that needs a reaction, or -1.
+ * If this event is a change of the tyres of one axle whose hypothesis has been open
+ * for less than SETTLE_TIME, also return -1. Waiting costs little, because the tyres
+ * of one axle change slowly. It avoids an error on a new road, which reaches the front
+ * axle first and for a short time looks like a change of the front tyres. */
 static int find_most_probable(const tse_kalman *k, int group)
 {
   int best = -1;
@@ -678,10 +709,11 @@ static int find_most_probable(const tse_kalman *k, int group)
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  /* A faulty steering angle stays in use, and its offset is estimated. Other
-   * channels at fault are not used but compared with the prediction, and their
-   * fault ends when they agree (watch_fault()). The fault of the steering angle
-   * ends after SETTLE_TIME instead. */
+  /* end a fault. A faulty sensor is not used. It is compared with the prediction, and
+   * agrees_for is the time for which it has agreed (watch_fault()). A faulty steering
+   * angle stays in use, and its offset is estimated. It cannot be compared, so that
+   * agrees_for is the time since the fault was accepted. The fault ends when
+   * agrees_for exceeds SETTLE_TIME */
   if (k->fault == FAULT_STEER) k->agrees_for += dt;
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
   tse_real ratio[TSE_EVENTS];

@@ -2,11 +2,13 @@
  * faulty channel has agreed with the prediction again. */
 #include "filter/filter.h"
 
-/* See filter.h. The evidence is -log2 of the probability that a working channel repeats
- * its value as many times as this channel has now repeated it. Each repeated value adds
- * -log2(probability of a repeat) min(nis, 1). A new value resets the evidence to 0. The
- * probability of a repeat is the largest of three numbers: the share of repeats among all
- * values, the share of repeats among the values that follow a repeat, and `least`. */
+/* See filter.h. The evidence is -log2 of the probability that a working channel
+ * repeats its value as many times as this channel has now repeated it. Each repeated
+ * value adds -log2(probability of a repeat) min(nis, 1). The factor min(nis, 1) is
+ * small if the repeated value agrees with the prediction. A new value resets the
+ * evidence to 0. The probability of a repeat is the largest of three numbers: the
+ * share of repeats among all values of about the last USUAL_TIME, their share among
+ * the values that follow a repeat, and `least`. */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int is_repeat = !(z < k->reading[c] || z > k->reading[c]);

@@ -86,9 +86,12 @@ typedef struct scalar {
 } scalar;
 
 /* Posterior of the amplitude w of an event. The event shifts the state by w v, v being
- * the sensitivity of the state (tse_event.v). A change of the road has a second amplitude
- * w2, with the sensitivity v2. Given w, the mean of w2 is beside - part w, so that the
- * mean shift of the state is w (v - part v2) + beside v2. */
+ * the sensitivity of the state (tse_event.v). A different road surface (EVENT_ROAD)
+ * has a second amplitude w2, with the sensitivity v2, which shifts the state by w2 v2
+ * in addition. The same samples determine both amplitudes, so that they are
+ * correlated: for a given w, the mean of w2 is beside - part w. The mean shift of the
+ * state for a given w is therefore w v + (beside - part w) v2 = w (v - part v2) +
+ * beside v2. */
 typedef struct event_posterior {
   tse_real amplitude, var; /* mean and variance of w */
   tse_real info, score;    /* information of the samples on w (1/variance); d ln(likelihood)/dw at w = 0 */
@@ -102,7 +105,7 @@ typedef struct row_class {
   int gap;       /* 1: the motion cannot be predicted from the previous row to this one */
   int sparse;    /* 1: gaps are frequent */
   int held;      /* 1: the car is slow or in reverse, or steers by a large angle */
-  int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is lost
+  int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is unknown
                   * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
   int no_second; /* 1: only one speed is measured (decoded.no_second) */
   int rolls;     /* freely rolling axle: ROLLS_* */
@@ -164,9 +167,10 @@ int is_frozen(const tse_kalman *k, int channel);
 int is_usable(const tse_kalman *k, int channel);
 
 /* Update the evidence that channel c is frozen. z is the new reading of the channel.
- *   Given:    nis    ratio of the squared innovation to the noise variance (not to the
- *                    variance of the innovation). If the ratio is small, a repeated value
- *                    agrees with the prediction and is only weak evidence
+ *   Given:    nis    ratio of the squared innovation to the noise variance of the channel
+ *                    (not to the variance of the innovation, which also includes the
+ *                    uncertainty of the prediction). If the ratio is small, a repeated
+ *                    value agrees with the prediction and is only weak evidence
  *             least  min probability that a working channel repeats its value */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt);
 
@@ -183,12 +187,15 @@ void watch_fault(tse_kalman *k, int channel, const scalar *m);
 
 /* -------------------------------------------------------------------- sensitivities.c */
 
-/* Sensitivities: partial derivatives of the state with respect to the amplitude of each
- * event (tse_event.v) and to each consider parameter (tse_kalman.consider). */
+/* Sensitivities: partial derivatives of the state with respect to the amplitude of
+ * each event (tse_event.v) and to each consider parameter (tse_kalman.consider). A
+ * consider parameter is uncertain and not estimated. Its uncertainty is included in
+ * the gains and variances (Schmidt-Kalman filter). */
 
 /* Propagate the sensitivities through the row.
- *   Given:  M  transition in units of the state, as for ud_move(). Its columns after the
- *              states belong to the consider parameters, and hold r_short() numbers */
+ *   Given:  M  transition in units of the state, as for ud_move(). The columns after
+ *              those of the states are the partial derivatives with respect to the
+ *              consider parameters, stored as tse_short (r_short()) */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
 /* Set the sensitivities of the first `count` states to 0. */
@@ -197,40 +204,44 @@ void sensitivities_clear(tse_kalman *k, int count);
 /* Multiply all sensitivities of state i by `left`. */
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 
-/* Return the variance of state i [unit^2], including the part due
- * to consider parameters. */
+/* Return the variance of state i [unit^2], including the part that uncertain consider
+ * parameters cause. */
 tse_real compute_total_variance(const tse_kalman *k, int i);
 
 /* ------------------------------------------------------------------- slip_stiffness.c */
 
-/* The state LCX is the logarithm of the longitudinal (slip) stiffness plus a
- * longitudinal model error. These functions estimate the slip stiffness without
- * this error (tse_along). */
+/* The state LCX is the logarithm of the longitudinal (slip) stiffness plus the error
+ * of the longitudinal model, which for example the pitch and wrong rolling radii
+ * cause. These functions estimate the logarithm of the slip stiffness alone
+ * (tse_along). */
 
 /* Start the estimate of the slip stiffness at the present value of LCX, with
  * the prior variance `var`. */
 STAGE void along_start(tse_kalman *k, tse_real var);
 
-/* Return w = P^2/(P^2 + B^2 (P - V)), the share of a change of LCX that is a
- * change of the slip stiffness. The rest, 1 - w, is a change of the model error. P
- * is the prior variance of the slip stiffness, V the present variance of LCX, and
- * B the sd of the model error.
+/* Return w = P^2/(P^2 + B^2 (P - V)), the share of a change of LCX that is a change of
+ * ln(slip stiffness). The rest, 1 - w, is a change of the model error. P is the prior
+ * variance of ln(slip stiffness), V the present variance of LCX, and B the sd of the
+ * model error. As long as nothing is learnt, V = P and w = 1. If V is near 0, w is near
+ * P/(P + B^2).
  *   Given:     var_lcx  V [unit^2]
- *   Returned:  *var     posterior variance of the slip stiffness, P - w (P - V) */
+ *   Returned:  *var     posterior variance of ln(slip stiffness), P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var);
 
-/* Return the estimated logarithm of the slip stiffness. If LCX has changed by more
- * than the model error explains, increase the variance of the result, because the
- * tyres may have changed.
- *   Given:    shift  mean shift of LCX by events that are not accepted yet
- *   Updated:  var    in: variance of LCX; out: variance of the result */
+/* Return the estimate of ln(slip stiffness). If LCX has changed by more than the model
+ * error explains, increase the variance of the result, because the tyres may have
+ * changed.
+ *   Given:    shift  mean shift of LCX by events that are not accepted yet; it is added
+ *                    to the result
+ *   Updated:  var    in: variance of LCX, including the part due to these events; out:
+ *                    variance of the result */
 tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
 
-/* Restart the estimate of the slip stiffness at LCX after an accepted change of tyres,
- * because the model error on the new road is unknown. Increase the variance of the
- * estimate by as much as the change has increased the variance of LCX. If the change is a
- * return to the previous road (which = EVENT_ROAD_RETURN), restore the estimate for that
- * road instead.
+/* Start a new estimate of ln(slip stiffness) at the present value of LCX, after an
+ * accepted change of the road surface or of the tyres, because the model error after the
+ * change is unknown. Its variance is that of the old estimate plus the increase of the
+ * variance of LCX by the change. If the change is a return to the previous road (which =
+ * EVENT_ROAD_RETURN), restore the estimate for that road instead.
  *   Given:  which   kind of the event: EVENT_ROAD ...
  *           before  variance of LCX before the change [unit^2] */
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
@@ -241,8 +252,9 @@ void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real b
  * state if one was loaded. */
 STAGE void start_state(const tse_params *p, tse_filter *f);
 
-/* Initialise the motion from wheel speed and gyro, and set both steering lags
- * to the steering angle. */
+/* Initialise the motion from wheel speed and gyro, and set both lags between the
+ * logged steering angle and the wheels (setting steering_lag_time) to the logged
+ * angle. */
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* -------------------------------------------------------------------------- predict.c */
@@ -254,10 +266,11 @@ STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
  * (errors in variables). */
 void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
-/* Set the means of gravity along and across the road (GX, GY) according to the grade and
- * bank that the row gives, and shift these two states with their means. If the log begins
- * or ceases to give grade or bank, set the state to its mean and reset its variance. Call
- * it before predict_row() or predict_slow_states(). */
+/* Set the means of the states GX and GY, gravity along and across the road, to the
+ * values that follow from the grade and bank of the row, and shift the states by the
+ * changes of their means. If the log begins or ceases to give grade or bank, set the
+ * state to its mean and reset its variance. Call it before predict_row() or
+ * predict_slow_states(). */
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row.
@@ -286,24 +299,27 @@ int is_tyre_change(int32_t which);
 /* Return the number of the channel that a kind of event makes faulty, or NO_FAULT. */
 int32_t event_fault(int32_t which);
 
-/* Return whether EVENT_ROAD_RETURN is possible: the tyres have changed before, and for
- * at least one axle the variance of the cornering stiffness before that change was at
- * most its present variance. This excludes a return to a patch of ice, where the
- * stiffness was hardly known. */
+/* Return whether EVENT_ROAD_RETURN is possible. The road or the tyres must have changed
+ * before. For at least one axle, the variance of the cornering stiffness before that
+ * change must be at most its present variance, because a return replaces the present
+ * stiffness by the stiffness of that time. This excludes a return to a patch of ice,
+ * where the stiffness was hardly known. */
 int can_return(const tse_kalman *k);
 
-/* Update all events with a measurement.
+/* Update the sensitivity and the evidence of all events with a measurement.
  *   Given:  channel  ACCEL_X ..., or NO_SENSOR_*
  *           along    1: the car does not brake (scalar.along)
- *           h, gain  partial derivatives and Kalman gain: of STATES states, then of the
- *                    extra states in use
+ *           h, gain  partial derivatives and Kalman gain. First those of the STATES
+ *                    states, then those of the extra states in use (measured
+ *                    velocities)
  *           e, s     innovation and its variance
  *           sd       sd of the sensor */
 void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain,
     tse_real e, tse_real s, tse_real sd);
 
-/* Compute the probability of each event, accept an event that is likely enough
- * (BELIEVED), and open new hypotheses. */
+/* Compute the probability of each event. In each group accept the most probable event if
+ * the probability that some event has happened exceeds BELIEVED. Events that are too
+ * small to need a reaction do not count. Then open new hypotheses. */
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 
 /* --------------------------------------------------------------------------- scalar.c */
@@ -319,7 +335,8 @@ tse_real use_scalar(
     tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
 /* Update the estimated white noise of a channel: half the mean square of the difference
- * between successive innovations, in which slow errors cancel.
+ * between successive innovations. Slow errors cancel in this difference, and it has twice
+ * the variance of the white noise.
  *   Given:    difference  between the last two innovations
  *             nominal     noise variance of the setting
  *             share       gain of the running mean
@@ -367,7 +384,8 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* ------------------------------------------------------------------------ backwards.c */
 
-/* Return whether the car rolls backwards. The wheel speeds need not have a sign.
+/* Return whether the car rolls backwards. This is also found if the wheel speeds have no
+ * sign.
  *   Given:     z      this row
  *              speed  [m/s] magnitude of the speed of the faster axle or, without wheel
  *                     speeds, |v_x|
