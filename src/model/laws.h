@@ -1,7 +1,9 @@
 /* model/laws.h - the physical laws of the car. Each law is implemented only here. The
  * model of the default filter (car.c) uses these functions and adds partial derivatives.
- * The effects of simulator, replay and vehicle FMU (catalogue.h) use the same functions.
- * Forces are divided by the mass. */
+ * Simulator, replay and vehicle FMU use a different model: the single-track model of
+ * vehicle.h with effects, i.e. properties of a car that this model leaves out, such as
+ * tyre saturation and body roll. The effects (catalogue.h) use the same functions. Here
+ * "force" means force divided by the mass of the car [m/s2]. */
 #ifndef TSE_LAWS_H
 #define TSE_LAWS_H
 
@@ -12,8 +14,9 @@
 #define LOW_SPEED TSE_R(1.0) /* [m/s] min speed in the denominator of slip and slip angles. At lower speeds
                               * the force of a tyre is proportional to its contact velocity, like the force
                               * of a damper (after Bernard & Clover, SAE 950311) */
-#define MAX_PULL TSE_R(10)   /* [m/s2] max of the acceleration from which load transfer is computed; linear
-                              * tyres could produce a larger one */
+#define MAX_PULL TSE_R(10)   /* [m/s2] max magnitude of the acceleration from which load transfer is computed.
+                              * That acceleration is the one of linear tyres, whose force has no
+                              * friction limit */
 #define MIN_SHARE_LEFT TSE_R(0.1) /* [1] min share of load or stiffness after load transfer */
 #define HALF_TURN TSE_R(3.141592653589793) /* [rad] */
 #define TWO_PI TSE_R(6.283185307179586)
@@ -25,8 +28,8 @@
 
 /* ---- signals */
 
-/* Compute sine and cosine of an angle [rad]. Up to 100 rad their error is below 1e-13, in
- * float below 4e-7. */
+/* Compute sine and cosine of an angle [rad]. For angles up to 100 rad the error of both
+ * is below 1e-13 in double and below 4e-7 in float. */
 static inline void sin_cos(tse_real angle, tse_real *s, tse_real *c)
 {
   const tse_real turns = r_mul(angle, PER_TURN);
@@ -103,9 +106,10 @@ typedef struct planar {
  * angle. Examples are the axes of a steered wheel and of a misaligned IMU. */
 static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real cosine)
 {
-  /* The second component is -(a - b): gcc 12 fuses a sum and a difference of the
-   * same products into one instruction, in spite of -ffp-contract=off, unless one of
-   * them is negated. */
+  /* The second component is written as -(a - b), because gcc 12 computes a sum and a
+   * difference of the same products by one fused instruction, in spite of
+   * -ffp-contract=off, unless one of them is negated. The fused instruction does not
+   * round the products, so that the result would differ between machines. */
   const planar t = { r_mul(x, cosine) + r_mul(y, sine), -(r_mul(x, sine) - r_mul(y, cosine)) };
   return t;
 }
@@ -123,14 +127,16 @@ static inline tse_real slip_angle(tse_real across, tse_real along)
 
 /* ---- tyres */
 
-/* Return the ratio of the force of a tyre to that of a linear tyre, at
- * q = stiffness slip/(friction load).
+/* Return the secant ratio of a tyre: its force divided by the force of a linear tyre of
+ * the same stiffness. The argument is q = |stiffness * slip| / limit, where the limit is
+ * the friction coefficient times the load of the tyre.
  *   shape 0: brush model with parabolic pressure distribution,
  *            1 - q/3 + q^2/27 up to q = 3, then 1/q
- *   shape 1: (1 + q^2 + q^4)^(-1/4), which differs by at most 0.08 from magic-formula car
- *            tyres up to q = 1.2
- * A shape between 0 and 1 interpolates linearly. q times the ratio is the force divided
- * by (friction load). This product has the slope 1 at q = 0 and tends to 1 for large q.
+ *   shape 1: (1 + q^2 + q^4)^(-1/4). Up to q = 1.2 it differs by at most 0.08 from
+ *            magic-formula models of car tyres
+ * For a shape between 0 and 1 the result is interpolated linearly between the two. The
+ * force divided by the limit is q times the result. It has the slope 1 at q = 0 and tends
+ * to 1 for large q.
  *   Returned:  *slope  q times the derivative of the result with respect to q */
 static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
 {
@@ -155,13 +161,15 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* Limit an acceleration to +-MAX_PULL. It is the acceleration that linear tyres would
- * produce, and load transfer is computed from the result. */
+/* Limit an acceleration to +-MAX_PULL. The argument is the acceleration that linear tyres
+ * would produce. It can exceed the friction limit, and load transfer is therefore
+ * computed from the limited value. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
-/* Return a^2, the square of the lateral acceleration a if the tyres lose the share k a^2
- * of their stiffness. a0 is the acceleration without this loss. The equation
- * a = a0 (1 - k a^2) has the solution a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
+/* Return a^2, the square of the lateral acceleration. Load transfer reduces the stiffness
+ * of the tyres by the factor 1 - k a^2, and with it the acceleration. a0 is the
+ * acceleration that the car would have without load transfer:
+ *   a = a0 (1 - k a^2), with the solution a = 2 a0/(1 + sqrt(1 + 4 k a0^2)) */
 static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
 {
   const tse_real inside = r_max(TSE_R(1) + r_mul(r_mul(TSE_R(4), k), r_mul(a0, a0)), TSE_R(0));
@@ -171,7 +179,7 @@ static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
 
 /* Return the ratio of the cornering stiffness of an axle with lateral load transfer to
  * its cornering stiffness without load transfer.
- *   Given:  k       [s4/m2] loss of stiffness / squared lateral acceleration
+ *   Given:  k       [s4/m2] relative loss of stiffness / squared lateral acceleration
  *           square  [m2/s4] squared lateral acceleration */
 static inline tse_real compute_side_share(tse_real k, tse_real square)
 {
@@ -203,11 +211,13 @@ static inline tse_real gravity_along(tse_real angle)
   return r_mul(GRAVITY, sine);
 }
 
-/* Return the part of accel_x that is due to pitch: a component of gravity, minus the
- * acceleration of the IMU about the pitch axis.
- *   Given:  pitch[2]  [m/s2] longitudinal acceleration after the second-order lag of the
- *                     pitch; [m/s3] its rate
- *           ax        [m/s2] longitudinal acceleration */
+/* Return the part of the reading accel_x that is due to pitch. It has two terms. The
+ * pitched IMU measures a component of gravity, which is proportional to the pitch angle.
+ * The IMU lies above the pitch axis and therefore also measures minus the tangential
+ * acceleration of its rotation about this axis. The pitch angle follows the longitudinal
+ * acceleration with a second-order lag and is represented by the output of this lag.
+ *   Given:  pitch[2]  output of the lag [m/s2], and its rate [m/s3]
+ *           ax        [m/s2] longitudinal acceleration, the input of the lag */
 static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
 {
   const tse_real swing = compute_mode_swing(

@@ -1,8 +1,11 @@
 /* model/state.h - members of the structs that the caller allocates: the constants of a
- * filter, its state, the effects and their memory. Internal.
+ * filter (tse_params), its state, and the memory of the effects. An effect is a property
+ * of a car that the single-track model leaves out, for example a steering delay.
+ * Internal.
  *
  * Files of the library include this header before any header that includes tse/state.h.
- * Without it tse/state.h declares the structs as bytes. */
+ * Without it tse/state.h declares the structs as arrays of bytes, because a caller needs
+ * only their sizes. */
 #ifndef TSE_MODEL_STATE_H
 #define TSE_MODEL_STATE_H
 
@@ -26,7 +29,8 @@ typedef struct tse_delay {
   tse_real age[TSE_DELAY_ROWS]; /* [s] */
 } tse_delay;
 
-/* Memory of the effects: the numbers that the effects keep from step to step. */
+/* Memory of the effects (properties of a car that the single-track model leaves out): the
+ * numbers that the effects keep from step to step. */
 typedef struct tse_effect_memory {
   int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
@@ -38,8 +42,10 @@ typedef struct tse_effect_memory {
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
-  /* user's formula: states of its operations, specific forces in the last step [m/s2],
-   * and the delay line of its operation `late` */
+  /* memory of the user's formula, a term that the user may add to the vehicle model
+   * (tables/formula.toml): states of its operations with memory, specific forces x and y
+   * at the centre of gravity in the previous step [m/s2], and the stored samples of its
+   * operation `late`, a delay */
   tse_real formula[TSE_FORMULA_MEMORIES][3];
   tse_real formula_accel[2];
   tse_delay formula_late;
@@ -50,10 +56,12 @@ typedef struct tse_effect_memory {
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-/* State of the particles of the particle filter, as arrays [component][particle]. gamma
- * and nu of the equations (16) and (17) of the paper, and the covariance of the biases,
- * are the same for all particles. They are therefore members of tse_filter_paper. The
- * resampler copies the struct as one array. */
+/* Those parts of the state of the particle filter that differ between particles, as
+ * arrays [component][particle]. gamma and nu of the equations (16) and (17) of the paper,
+ * and the covariance of the biases, are the same for all particles. They are therefore
+ * not here but in tse_filter_paper. The resampler copies particles in a loop over all
+ * arrays of this struct (paper_copy_particles()), so that every member must be such an
+ * array. */
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
   tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
@@ -64,18 +72,23 @@ typedef struct tse_particles {
 } tse_particles;
 
 #define TSE_SENSORS 5 /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
-/* Sizes of the default filter.
- *   TSE_STATES         states (src/model/car.h)
- *   TSE_SLOW           slow states, at the end of the state: gravity components, and states
- *                      that are random walks
- *   TSE_SUBSTEPS       max substeps of a row
- *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters: uncertain, and not
- *                      estimated (Schmidt-Kalman filter)
- *   TSE_CONSIDERED     consider parameters of this build
- *   TSE_VALUES         states, and in TSE_SMALL the constants that take the place
- *                      of states
- *   TSE_KEPT           saved states: biases, stiffness, grip, steering, radius
- *   TSE_EVENTS         slots of events (src/filter/events.c) */
+/* Sizes of the default filter. A "row" is a row of the log, which one call of tse_step()
+ * processes.
+ *   TSE_STATES         number of states (src/model/car.h)
+ *   TSE_SLOW           number of slow states, which are the last elements of the state:
+ *                      gravity components, and states that are random walks
+ *   TSE_SUBSTEPS       max number of integration steps within a row
+ *   TSE_UNCERTAIN_ALL  number of quantities that may be consider parameters: uncertain
+ *                      parameters that are not estimated (Schmidt-Kalman filter)
+ *   TSE_CONSIDERED     number of consider parameters of this build
+ *   TSE_VALUES         length of the arrays of prior and state. With TSE_SMALL some
+ *                      quantities are constants instead of states. These arrays have
+ *                      places for them after the states, so that the model reads both
+ *                      from the same array
+ *   TSE_KEPT           number of states in a saved learnt state: biases, stiffness, grip,
+ *                      steering, radius
+ *   TSE_EVENTS         max number of hypothetical events that are tracked at a time
+ *                      (src/filter/events.c) */
 #if defined(TSE_SMALL) /* a build with lateral motion only */
 #if !defined(TSE_NO_VELOCITY) || !defined(TSE_NO_PARTICLES)
 #error "TSE_SMALL needs TSE_NO_VELOCITY and TSE_NO_PARTICLES"
@@ -99,10 +112,11 @@ typedef struct tse_particles {
 #define TSE_EVENTS 15
 #endif
 /* Sizes for measured velocities (src/filter/velocity.c). A build with TSE_NO_VELOCITY
- * saves 1.9 kB of RAM in float, and refuses rows with a velocity.
- *   TSE_EXTRAS  extra states: they follow the other states, and are in use from the first
- *               measured velocity on
- *   TSE_PAST    rows of past motion that are stored for velocities with a latency */
+ * saves 1.9 kB of RAM in float, and refuses rows with a measured velocity.
+ *   TSE_EXTRAS  number of extra states, which follow the other states. They are used from
+ *               the first measured velocity on
+ *   TSE_PAST    max number of rows whose motion is stored, so that a velocity with a
+ *               latency can be compared with the motion at the time of its measurement */
 #if defined(TSE_NO_VELOCITY)
 #define TSE_EXTRAS 1
 #define TSE_PAST 1
@@ -190,8 +204,10 @@ struct tse_params {
   tse_real latency_age[6]; /* [s] age of the value of each channel that a step uses */
   tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
   tse_real learnt_walk;    /* [1/day] growth of this variance */
-  /* limits of w = stiffness/nominal - 1: initial values are limited to w_min .. w_max. A
-   * drawn w is reflected at w_low, and limited to w_max */
+  /* particle filter: limits of w = stiffness/nominal - 1. Initial values are clipped to
+   * w_min .. w_max. Later w is drawn at random for each particle and row. A drawn w below
+   * w_low is reflected at w_low, and a drawn w above w_max is clipped. w_low is w_min, or
+   * lower if the setting reflect_draws is 0 */
   tse_real w_min, w_low, w_max;
   tse_real valid_var;                               /* [1] square of setting valid_sd */
   tse_car car;                                      /* the particle filter uses only stiffness and geometry */
@@ -258,8 +274,9 @@ typedef struct tse_velocity {
   int32_t has_gyro;           /* 1: `gyro` is the reading minus its bias; 0: the yaw rate of the state */
 } tse_velocity;
 
-/* A hypothetical event, for example a change of the road. If the event has happened, the
- * state has an error: the vector v times the amplitude of the event. */
+/* A hypothetical event, for example a change of the road surface. If the event has
+ * happened, the estimated state has an error: the vector v times the amplitude of the
+ * event. The amplitude is unknown, and is estimated from the innovations. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
   tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
@@ -277,11 +294,13 @@ typedef struct tse_pair {
 } tse_pair;
 
 /* Sums of a regression that estimates the delay [s] of a second channel relative to a
- * first channel. The estimate is late / square. Older samples are forgotten with the time
- * constant SCALE_TIME (src/filter/plausible.c). */
+ * first channel. Model: the second channel is the first channel, times a constant, minus
+ * the delay times the rate of the first channel. The estimated delay is late / square.
+ * Older samples are forgotten with the time constant SCALE_TIME
+ * (src/filter/plausible.c). */
 typedef struct tse_timing {
   tse_real square; /* [m2/s5] time integral of the squared rate of the first channel */
-  tse_real late;   /* [m2/s4] `square` times the delay of the second channel */
+  tse_real late;   /* [m2/s4] `square` times the estimated delay */
 } tse_timing;
 
 /* State of the plausibility check of the channels (src/filter/plausible.c). */
@@ -290,8 +309,10 @@ typedef struct tse_agreement {
   tse_real smooth[6]; /* channels after a low pass */
   tse_pair pair[TSE_PAIRS];
   tse_real since; /* [s] since a row with a wheel speed */
-  /* [m2/s3] time integrals: [0] of the square of v r, and of v r accel_y; [1] of the
-   * square of accel_x, and of accel_x times the rate of the wheel speed */
+  /* [m2/s3] sums that give the factor by which the speed from the wheels is too large
+   * (compute_scale()). r is the yaw rate, v the speed from the wheels. moved[0]: time
+   * integrals of (v r)^2 and of v r accel_y. moved[1]: time integrals of accel_x^2 and of
+   * accel_x times the rate of v */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
   tse_real lags;              /* [m2/s4] as tse_timing.late, for the part of the delay due to sideslip */
@@ -300,11 +321,13 @@ typedef struct tse_agreement {
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of ln(longitudinal stiffness) at the last start or event. Its variance is that of
- * the stiffness alone. The variance of the state LCX also includes the error of the
- * longitudinal model. */
+/* Prior of the logarithm of the longitudinal stiffness at the last start or change of
+ * tyres. The state LCX is the sum of this logarithm and of a constant error of the
+ * longitudinal model (pitch, rolling radii). The error cannot be observed separately.
+ * `var` is the variance of the logarithm alone. It is needed to divide a change of LCX
+ * between stiffness and error (src/filter/slip_stiffness.c). */
 typedef struct tse_along {
-  tse_real mean, var; /* mean: the value of LCX at the last start or event */
+  tse_real mean, var; /* mean: the value of LCX at the last start or change of tyres */
 } tse_along;
 
 /* State of the default filter, a Kalman filter of the car. */
@@ -320,8 +343,10 @@ typedef struct tse_kalman {
   tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
   tse_real road[2];              /* [m/s2] gravity components g_x, g_y from a given road; 0: not given */
   tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
-  /* variance of the linearisation error due to recent steps of each stiffness, in squared
-   * units of the state */
+  /* for each stiffness, variance of its linearisation error, in squared units of the
+   * state: a correction of a stiffness makes earlier measurements inaccurate, which were
+   * linearised at the old stiffness. The variance is added to the covariance with the
+   * next process noise of this stiffness */
   tse_real moved[3];
   tse_real seen; /* [s] total time of the processed rows since the start */
   tse_real
@@ -383,12 +408,15 @@ struct tse_filter {
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
   tse_real held_for;               /* [s] time since the last measured steering angle, which is held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
-  /* 1: the motion is unknown, because held_for or rolled_for has become too long. It
-   * stays unknown until a row has both steering angle and wheel speed */
+  /* 1: the motion is unknown, because held_for exceeds the setting max_gap or rolled_for
+   * exceeds ROAD_TIME. It stays unknown until a row has both steering angle and wheel
+   * speed */
   int32_t lost;
   tse_real still_for; /* [s] time since the wheels stopped */
-  /* [s] for each axle, remaining time for which its wheel speed counts as a signal of its
-   * own, instead of a copy of the wheel speed of the other axle */
+  /* [s] for each axle, remaining time for which its wheel speed counts as a measurement.
+   * Some logs have a copy of the speed of one axle in the column of the other axle, which
+   * must not be used as a second measurement. A row in which the speed is not a copy sets
+   * the time to USUAL_TIME. At 0 the speed may be a copy */
   tse_real off_for[2];
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
@@ -400,13 +428,14 @@ struct tse_filter {
   tse_alignment waiting; /* rows that wait for channels with a latency */
 };
 
-/* The paper's particle filter. Its first member is a tse_filter. A pointer to this member
- * may be cast to a pointer to tse_filter_paper. */
+/* State of the paper's particle filter. Its first member is a tse_filter, so that a
+ * pointer to tse_filter can point to it. The functions of the particle filter cast such a
+ * pointer to a pointer to tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
   tse_real gamma, nu; /* of (16), (17); independent of measurements, common to all particles */
   tse_real bias_var
-      [3]; /* [sigma^2] P of (18), (19), common to all particles; diagonal, because P0, Q, R are diagonal */
+      [3]; /* [sigma^2] variances of the biases: diagonal of P of (18), (19), the same for all particles */
   tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
   tse_real excite[3];                    /* regressors after a low pass (EXCITATION_TIME) */
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */

@@ -1,10 +1,10 @@
-/* model/vehicle.h - the single-track model of the paper, and functions that all its
- * integrators use. Numbers in parentheses, (1) to (4) and (7), are equations of the paper
- * (src/EQUATIONS.md).
+/* model/vehicle.h - the single-track model of the paper, and functions that all programs
+ * use that integrate this model over time: particle filter, simulator and replay. Numbers
+ * in parentheses, (1) to (4) and (7), are equations of the paper (src/EQUATIONS.md).
  *
- * The functions are inline and have no branches, so that loops over particles (paper/)
- * vectorise. Forces are divided by the mass of the car. Axes are those of ISO 8855. Slip
- * is positive if the tyre drives the car forward. */
+ * The functions are inline and have no branches, so that the compiler vectorises loops
+ * over particles (paper/). Forces are divided by the mass of the car. Axes are those of
+ * ISO 8855. Slip is positive if the tyre drives the car forward. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -24,9 +24,10 @@ typedef struct slips {
   tse_real inv_body;            /* [s/m] reciprocal of the denominator of the slip angles */
 } slips;
 
-/* Compute slips and slip angles, equations (3) and (4). Because of the absolute values in
- * the denominators, the equations are also valid in reverse: the force of a tyre opposes
- * the velocity of its contact patch in both directions. `low` is LOW_SPEED.
+/* Compute slips and slip angles, equations (3) and (4). R omega is the wheel speed [m/s],
+ * delta the road-wheel angle, and `low` is LOW_SPEED. The denominators contain absolute
+ * values, so that the equations hold in reverse as well: forwards and in reverse the
+ * force of a tyre opposes the velocity of its contact patch.
  *   s = (R omega - vx)/max(|vx|, |R omega|, low)
  *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
  *   alpha_r = (lr r - vy)/max(|vx|, low) */
@@ -80,9 +81,9 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* Matrix 1 - g h J of the integration method ROS2 (below) for the states (vy, r), and
- * 1/determinant. J is the part of the Jacobian that describes the damping of these states
- * by the tyres, and h the step. */
+/* Matrix 1 - g h J of the integration method ROS2 (see the constant ROS2 below) for the
+ * states (vy, r), and the reciprocal of its determinant. h is the step. J is the part of
+ * the Jacobian that describes the damping of these two states by the tyres. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
@@ -110,15 +111,15 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* Constant g of the method that integrates equation (7) in the paper's filter, replay and
+/* Constant g of the method that integrates equation (7) in particle filter, replay and
  * simulator: the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom &
- * Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456). For a step h from the state x and
- * the input u0 to the input u1:
+ * Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456). A step h leads from the state x to
+ * the state x+. f(x, u) is the rate of the state, and the input changes from u0 to u1:
  *   (1 - g h J) k1 = f(x, u0)
  *   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1
  *   x+ = x + h (3 k1 + k2)/2,  g = 1 - 1/sqrt(2)
- * The order of the method does not depend on J. Therefore J has only the stiff part of
- * the Jacobian, which is the damping of vx and of (vy, r) by the tyres. The rates of this
+ * The method has order 2 for every matrix J. J is therefore only the stiff part of the
+ * Jacobian, which is the damping of vx and of (vy, r) by the tyres. The rates of this
  * damping are proportional to 1/speed and exceed 100/s at walking pace, where an explicit
  * step would diverge. */
 #define ROS2 TSE_R(0.29289321881345254)
@@ -139,15 +140,14 @@ static inline tse_real vehicle_limit(tse_real v, tse_real max)
   return r_abs(inside) < MIN_MOTION ? TSE_R(0) : inside;
 }
 
-/* Return the number of integration steps of a row of dt seconds. It is the same
- * for all particles.
- *
- * A step is at most max_step. The fastest rate of the car is the rate at which the tyres
- * damp its motion, which is proportional to 1/speed. A step is at most 1/4 of the
- * reciprocal of this rate, because at walking pace a single step for each row would bias
- * the longitudinal stiffness by 3 %. A speed below hold_speed counts as hold_speed,
- * because no stiffness is updated below hold_speed. A step is at least an eighth of
- * max_step. */
+/* Return the number of integration steps of a row of dt seconds. It is the same for all
+ * particles. Three conditions determine the length of a step:
+ *   - At most max_step.
+ *   - At most 1/4 of the reciprocal of the fastest rate at which the tyres damp the
+ *     motion. This rate is proportional to 1/speed. With a single step for each row the
+ *     longitudinal stiffness would be wrong by 3 % at walking pace. Speeds below
+ *     hold_speed count as hold_speed, because no stiffness is updated at such speeds.
+ *   - At least max_step/8, which limits the computing time. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(

@@ -1,12 +1,12 @@
 /* number/fixed.h - fixed-point arithmetic: a number is an int64_t in units of
  * 2^-TSE_FRACTION_BITS. Only integer operations are used.
  *
- * Room for sums: `+` and `-` are native and do not detect overflow. All other results
- * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t, so that fifteen
- * results can be added. The longest sums have 23 terms, one for each state of the filter.
- * Their terms are kept far below FIXED_MOST (MAX_SLOPE in filter/limits.h, state_max in
- * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
- * the filter restarts.
+ * Overflow of sums: `+` and `-` are those of C and do not detect overflow. The results of
+ * all other operations therefore saturate at FIXED_MOST, a sixteenth of the range of
+ * int64_t, so that fifteen results can be added without overflow. The longest sums have
+ * 23 terms, one for each state of the filter. Their terms are kept far below FIXED_MOST
+ * (MAX_SLOPE in filter/limits.h, state_max in filter/units.c). A saturated result counts
+ * as infinite: r_is_finite() returns 0, and the filter restarts.
  *
  * The code is portable C: a product is computed from four products of 32-bit halves. If
  * the compiler has 128-bit integers, the code uses them instead, which takes less time
@@ -55,12 +55,12 @@ static inline int64_t fixed_saturate(int64_t x)
 #if defined(TSE_FIXED_QUARTERS)
 #define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
 #if defined(__GNUC__)
-/* Attribute of a function that the compiler must not inline, so that its callers need
- * fewer registers. */
+/* Attribute of a function that the compiler must not inline. Inlined, it would occupy
+ * registers that the calling function needs. */
 #define FIXED_APART __attribute__((noinline, unused))
 #endif
 
-/* Return the upper 32 bits of the product a b.
+/* Return the upper 32 bits of the 64-bit product a b.
  *   Returned:  *middle  word whose lower 16 bits are the bits 16 .. 31 of the product */
 static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
 {
@@ -95,8 +95,8 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
 }
 
 /* Return an approximation of 2^31/d for d from 2^15 to 2^16. It is at most 2 too small.
- * The first approximation is a line of slope -1, with an error of up to 7.2 %. Three
- * Newton steps follow. */
+ * The first approximation is a line in d of slope -1. Its relative error is up to 7.2 %.
+ * Three Newton steps follow. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -183,7 +183,8 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return f
 #endif
 
 /* Return the product of two numbers of the format.
- *   Given:  a, b  results, or native sums of at most fifteen results */
+ *   Given:  a, b  results of functions of this file, or native sums of at most fifteen
+ *                 such results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
   return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b));
@@ -229,8 +230,9 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 }
 
 /* Return (hi 2^64 + lo)/d rounded down, for hi < d. The quotient has two digits to base
- * 2^32, computed as in fixed_divide_word(). Instead of dividing by d1, the leading digit
- * of d, it multiplies by the reciprocal of d1 (Moeller & Granlund 2011).
+ * 2^32, which are computed as in fixed_divide_word(), with one difference: instead of
+ * dividing by d1, the leading digit of d, this function multiplies by the reciprocal of
+ * d1 (Moeller & Granlund 2011).
  *   Returned:  *rest  remainder */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
@@ -288,8 +290,8 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
   return fixed_signed(quotient + (rest >= d - rest ? 1u : 0u), negative);
 }
 
-/* Return the square root of x >= 2^30, rounded down. The first approximation is a line.
- * Three Newton steps follow, which converge from above. */
+/* Return the square root of x >= 2^30, rounded down. The first approximation is a line in
+ * x. Three Newton steps follow. Their results are never below the root. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
   uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;
@@ -298,12 +300,12 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
   return s * s > x ? s - 1 : s;
 }
 
-/* Return the square root of a number of the format, rounded to nearest; 0 for x <= 0. It
- * is the integer root of x 2^FIXED_BITS. Each step doubles the number of known bits of
- * the root: 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The bits that are
- * known before a step are the upper half of the new root. The lower half is the remainder
- * divided by twice the upper half. If the square of this root is too large, 1 is
- * subtracted from the root. */
+/* Return the square root of a number of the format, rounded to nearest; 0 for x <= 0. In
+ * integers the result is the root of n = x 2^FIXED_BITS. Each step doubles the number of
+ * known bits of the root: 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The bits
+ * that are known before a step become the upper half of the new root. The remainder is n
+ * minus the square of this upper half. The lower half is the remainder divided by twice
+ * the upper half. If the square of the new root exceeds n, the root is decreased by 1. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;
@@ -333,8 +335,9 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
 }
 
 /* Products are inlined on 64-bit machines. On other machines a product takes 30 .. 60
- * instructions. There products are function calls, because two thousand inlined products
- * would need much memory. -DTSE_FIXED_CALLS=0 (inline) or 1 (calls) overrides this. */
+ * instructions, and the program has about two thousand products. Products are therefore
+ * function calls there, which take much less program memory. -DTSE_FIXED_CALLS=0 (inline)
+ * or 1 (calls) overrides this choice. */
 #if !defined(TSE_FIXED_CALLS)
 #if UINTPTR_MAX > 0xffffffffu
 #define TSE_FIXED_CALLS 0

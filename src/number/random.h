@@ -8,9 +8,9 @@
 
 #include "number/real_ops.h"
 
-/* Purpose of a random number. Numbers of one step with different
- * purposes are independent. In the counter the purpose takes the bits
- * above the 16 bits of the particle. */
+/* Purpose of a random number. The random numbers of a step for different purposes are
+ * independent. The generator encrypts a counter of two words: the step, and a word with
+ * the particle in its lower 16 bits and the purpose above them. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,
@@ -60,11 +60,13 @@ static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real
   *n2 = r_mul(radius, s);
 }
 
-/* Compute three uncorrelated standard Student-t numbers with nu degrees of freedom. Their
- * joint distribution is spherical: they share one chi-square. Four random words are used,
- * without rejection: Bailey, Math. Comp. 62 (1994) 779.
+/* Compute three uncorrelated standard Student-t numbers with nu degrees of freedom. They
+ * are not independent: their joint distribution is the spherical one, in which all three
+ * have the same chi-square variable as divisor. Four random words are used, without
+ * rejection: Bailey, Math. Comp. 62 (1994) 779.
  *   (t1, t2)  bivariate t: radius^2 = nu (U^(-2/nu) - 1), uniform angle
- *   t3        given t1 and t2: t(nu + 2) sqrt((nu + radius^2)/(nu + 2))
+ *   t3        given t1 and t2: t(nu + 2) sqrt((nu + radius^2)/(nu + 2)), where t(nu + 2)
+ *             is a Student-t number with nu + 2 degrees of freedom
  *   Given:  minus_2_nu   -2/nu, computed once for all particles
  *           minus_2_nu2  -2/(nu + 2)
  *           inv_nu2      1/(nu + 2) */

@@ -221,11 +221,13 @@ static inline tse_real r_uniform(uint32_t word)
       * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
-/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where
- * log2(m) = s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS.
- * Infinity and NaN give REAL_BIAS + 1 or more, like a very large number. The integer k is
- * converted to a real number by writing it into the low bits of REAL_WHOLE (in double
- * 2^52) and subtracting REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
+/* Return log2(x). x is written as 2^k m with sqrt(1/2) <= m < sqrt(2). The result is
+ *   k + log2(m),  log2(m) = s P(s^2),  s = (m - 1)/(m + 1),  P is a polynomial.
+ * The sign of x is ignored. The logarithm of 0 is -REAL_BIAS. For infinity and NaN the
+ * result is REAL_BIAS + 1 or more, as for a very large number. The integer k is converted
+ * to a real number without an instruction for 64-bit integers, which SSE2 does not have:
+ * k is written into the low bits of REAL_WHOLE (2^52 in double), and REAL_WHOLE is
+ * subtracted. */
 static inline tse_real r_log2(tse_real x)
 {
   const real_bits u = bits_of(x) & REAL_MAGNITUDE,
@@ -237,8 +239,9 @@ static inline tse_real r_log2(tse_real x)
       + s * evaluate_log2_series(s * s);
 }
 
-/* Return 2^x = 2^k 2^r, x = k + r with |r| <= 1/2, where 2^r = 1 + r P(r). The sum of x
- * and 1.5 REAL_WHOLE is rounded to an integer, so that its low bits are the integer k. */
+/* Return 2^x = 2^k 2^r, x = k + r with |r| <= 1/2, where 2^r = 1 + r P(r), and P is a
+ * polynomial. k is found by adding 1.5 REAL_WHOLE to x: this sum is so large that it is
+ * rounded to an integer, and its low bits are then k. */
 static inline tse_real r_exp2(tse_real x)
 {
   const tse_real low = x < -120 ? -120 : x, y = low > 120 ? 120 : low;
@@ -248,9 +251,10 @@ static inline tse_real r_exp2(tse_real x)
 
 /* Compute sine and cosine of 2 pi t, t in [0, 1]. With v = 2t - 1 they are
  *   sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2).
- * P and Q are polynomials in -v^2. All their coefficients are then positive, and they are
- * evaluated without subtractions. Reason: if additions and subtractions alternate, gcc 12
- * fuses them with multiplications (FMA) in spite of -ffp-contract=off. */
+ * P and Q are polynomials in -v^2 and not in v^2, because all their coefficients are then
+ * positive. Their evaluation therefore has no subtractions. If additions and subtractions
+ * alternated, gcc 12 would fuse them with multiplications (FMA) in spite of
+ * -ffp-contract=off, and the result would differ in the last bits. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -320,9 +324,11 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Return the bits of x as an IEEE single, rounded to nearest, ties to even. TSE_S()
- * rounds the literal value of a setting to a single. If its magnitude is at least 2^-8,
- * the fixed-point number x equals this single, and nothing is rounded here. */
+/* Return x, rounded to an IEEE single (nearest, ties to even), as the bits of this
+ * single. The value of a setting has already been rounded to a single by TSE_S(). If its
+ * magnitude is at least 2^-8, the fixed-point number x equals this single exactly,
+ * because the 24 bits of its significand are multiples of 2^-32. The rounding here then
+ * changes nothing. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);
@@ -376,7 +382,8 @@ static inline int32_t r_to_q24(tse_real x)
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * ((tse_real)1 << (FIXED_BITS - 24)); }
 
 /* Return log2(x) = k + log2(1 + f), x = 2^k (1 + f) with sqrt(1/2) <= 1 + f <= sqrt(2),
- * where log2(1 + f) = f P(f). For x <= 0 return the logarithm of the smallest number. */
+ * where log2(1 + f) = f P(f), and P is a polynomial. For x <= 0 return the logarithm of
+ * the smallest positive number. */
 static inline tse_real r_log2(tse_real x)
 {
   const uint64_t u = x > 0 ? (uint64_t)x : 1u;
@@ -399,8 +406,9 @@ static inline tse_real r_log2(tse_real x)
   return k * FIXED_ONE + ((fixed_product(p, f) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
 }
 
-/* Return 2^x = 2^k 2^f, x = k + f with 0 <= f < 1, where 2^f = 1 + f P(f). The result is
- * 0 for x far below 0, and the largest number for x far above. */
+/* Return 2^x = 2^k 2^f, x = k + f with 0 <= f < 1, where 2^f = 1 + f P(f), and P is a
+ * polynomial. If the result is too small for the format, return 0. If it is too large,
+ * return the largest number. */
 static inline tse_real r_exp2(tse_real x)
 {
   const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
@@ -420,9 +428,10 @@ static inline tse_real r_exp2(tse_real x)
   return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
-/* Compute sine and cosine of 2 pi t. With t = quarter/4 + x/8, |x| <= 1, they
- * follow from sin(pi/4 x) = x P(x^2) and cos(pi/4 x) = 1 + x^2 Q(x^2). Only the
- * fractional part of t counts. */
+/* Compute sine and cosine of 2 pi t. Only the fractional part of t is used. It is written
+ * as quarter/4 + x/8, where `quarter` is an integer and |x| <= 1. sin(pi/4 x) = x P(x^2)
+ * and cos(pi/4 x) = 1 + x^2 Q(x^2) are computed with the polynomials P and Q. Depending
+ * on `quarter` they are then exchanged or change sign. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
@@ -446,8 +455,10 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   if (((quarter + 1) & 2) != 0) { *c = -*c; }
 }
 
-/* Return the angle of (x, y). The quotient is reduced to at most tan(pi/8). Angles are in
- * Q32 (units of 2^-32). */
+/* Return the angle of the vector (x, y). q is the smaller of |x| and |y| divided by the
+ * larger. If q exceeds tan(pi/8), it is replaced by (1 - q)/(1 + q), which is at most
+ * tan(pi/8), and atan(q) = pi/4 - atan((1 - q)/(1 + q)) is used. Angles are in Q32 (units
+ * of 2^-32 rad). */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const uint64_t ax = fixed_magnitude(x), ay = fixed_magnitude(y);

@@ -6,21 +6,27 @@
  * simple loop. Sums are computed in the order in which they are written.
  *
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
- * factor is a mantissa of 31 bits and a shift, computed once for each row (r_factor). Its
- * product with an element is a product of 32 x 32 bits, rounded once to nearest. Sums of
- * products are exact in 64 bits and rounded once. So that the products use most of the 64
- * bits, one of the two rows of such a sum is scaled by a power of two (r_row, r_sparse),
- * chosen for this row. Quotients with the same divisor share the reciprocal of this
- * divisor (r_divisor). Their relative error is at most 2^-29.
+ * factor is a mantissa of 31 bits and a shift, computed once for each row (r_factor). The
+ * product of a factor and an element is a product of 32 x 32 bits, rounded once to
+ * nearest. Sums of products are exact in 64 bits and rounded once. One of the two rows of
+ * such a sum is scaled by a power of two that depends on its largest element (r_row,
+ * r_sparse), so that the products use most of the 64 bits. Quotients with the same
+ * divisor share the reciprocal of this divisor (r_divisor). Their relative error is at
+ * most 2^-29.
  *
+ * The elements of a "scaled" row are stored times a power of two. A factor can contain a
+ * power 2^up, which corrects for this scale. In double and float no row is scaled, and
+ * `up` is ignored.
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
- *   r_factor(x, up)          factor x 2^up; up: shift of a scaled row (fixed only)
- *   r_quotient(x, d, up)     factor x/d 2^up
- *   r_short_of(a, x, up)     r_short_scaled(x, up), computed from a = r_factor(x, up)
+ *   r_factor(x, up)          the factor x 2^up
+ *   r_quotient(x, d, up)     the factor x/d 2^up
+ *   r_short_scaled(x, up)    x 2^up as an element of a scaled row
+ *   r_short_of(a, x, up)     the same number, computed from a = r_factor(x, up), for
+ *                            callers that need this factor anyway
  *   r_by(x, d)               x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, all >= 0
- *   r_plus_times(y, a, x)    y + a x, for elements of rows */
+ *   r_plus_times(y, a, x)    y + a x; x and y are elements of rows, a is a factor */
 #ifndef TSE_VECTOR_H
 #define TSE_VECTOR_H
 
@@ -29,9 +35,10 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop multiplies by the same common row, element by element. The
- * total number `rows` is a multiple of it. On a core without vector instructions, such a
- * loop is faster, because it loads each element of the common row only once. */
+/* Number of rows that one loop multiplies by the same common row, element by element.
+ * `rows` is the total number of rows, and is a multiple of the result. On a core without
+ * vector instructions, such a loop is faster than one loop for each row, because it loads
+ * each element of the common row only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -41,16 +48,17 @@
 #define MAX_ROW 32 /* max number of elements of a row */
 #define ROW_UP 4 /* log2 of the scale of transition rows: their small numbers are stored times 2^ROW_UP */
 
-/* Nonzero elements m of a row, their indices `at` in the row, and the shift
- * `right` of all elements. */
+/* The nonzero elements of a row: element i of the list is number at[i] of the row, and is
+ * stored as m[i]. In fixed-point builds its value is m[i] 2^-(right + FIXED_BITS). */
 typedef struct r_sparse {
   tse_short m[MAX_ROW];
   int32_t count, right;
   uint8_t at[MAX_ROW];
 } r_sparse;
 
-/* A row whose elements m are stored multiplied by 2^-up. r_factor(x, up) gives the factor
- * x for such a row. */
+/* A row whose elements are stored multiplied by 2^-up: m[i] = 2^-up times element i. To
+ * multiply the row by x, multiply m by r_factor(x, up), which contains the factor
+ * 2^up. */
 typedef struct r_scaled {
   const tse_short *m;
   int32_t up;
@@ -84,22 +92,23 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (v
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
-/* Return whether the magnitude of an element of the row exceeds 15/16 of the limit at
- * which elements saturate. In double and float elements do not saturate, and the result
- * is 0. */
+/* Return whether an element of the row is close to saturation: whether its magnitude
+ * exceeds 15/16 of the limit at which elements saturate. In double and float elements do
+ * not saturate, and the result is 0. */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
-/* Elements of a transition matrix ("slopes") in units of the state, and their
- * products with rows:
- *   r_slope_in_units  slope x in units of the state: x times the unit of the state in its
- *                     column, divided by the unit of the state in its row. The result is
- *                     limited to +-max. `to` is r_unit() of the first unit, and `over` is
- *                     r_over_unit() of the second one, a reciprocal
- *   r_short_over      element x of a row divided by a unit, limited to +-max. `over` is
- *                     r_over_unit() of this unit
- *   r_slope_sums      to[i, b] += sum of slope[i, j] x[b, j] over n elements j, for each
- *                     of `rows` rows i of slopes, which are `stride` apart, and each of
- *                     `together` rows b of x */
+/* Elements of a transition matrix ("slopes"), and their products with rows. The
+ * covariance is stored in units of the states (state_unit). Slopes are therefore
+ * converted from SI units: row i is divided by the unit of state i, and column j is
+ * multiplied by the unit of state j.
+ *   r_slope_in_units  slope x, converted, and limited to +-max. `to` is r_unit() of the
+ *                     unit of column j, and `over` is r_over_unit() of the unit of row i
+ *   r_short_over      the same for the column of a consider parameter (an uncertain
+ *                     parameter that is not estimated). It is not a state and has no
+ *                     such unit: x is only divided by the unit of row i
+ *   r_slope_sums      product of the matrix and `together` vectors x[b]:
+ *                     to[i together + b] += sum of slope[i stride + j] x[b][j], j < n,
+ *                     for i < rows and b < together */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
@@ -119,9 +128,11 @@ static inline void r_slope_sums(
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Return row x in the form that the argument `row` of r_sum() must have.
- *   Given:     room    memory for the row in this form
- *   Returned:  *right  shift of the row in this form */
+/* Convert row x for r_sum(), which expects it in its argument `row`. In fixed-point
+ * builds the elements become mantissas of 27 digits with a common shift. In double and
+ * float they remain unchanged, and the shift is 0.
+ *   Given:     room    memory for the converted row
+ *   Returned:  *right  shift, the argument `right` of r_sum() */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
   return (void)n, (void)room, *right = 0, x;
@@ -218,9 +229,10 @@ static inline int64_t fixed_shifted(int64_t x, int right)
 
 /* Macros FIXED_NARROW_TO and FIXED_NARROW: return x 2^-right, rounded to nearest and
  * saturated. FIXED_NARROW_TO saturates to the given number of bits, FIXED_NARROW to the
- * bits of a tse_short. |x| must be at most 2^62. Saturation changes only the upper 32
- * bits of the rounded number, so that a saturated result may differ from the limit in its
- * lowest bits. The macros use the next two functions. */
+ * bits of a tse_short. |x| must be at most 2^62. Saturation is applied to the upper 32
+ * bits of the rounded x only, which takes less time. A saturated result may therefore
+ * differ from the limit in its lowest bits. The macros use the two functions that
+ * follow. */
 static inline uint64_t fixed_half_up(int64_t x, int right)
 {
   return (uint64_t)x + ((uint64_t)1 << (right - 1));
@@ -312,9 +324,9 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* Compute x was/d as x - x more/d, so that the decrement is rounded, and exactly 0 if
- * `more` is 0. `more` is at most d. The quotient more/d has 32 digits, and both halves of
- * x are multiplied by it. */
+/* Compute x was/d as x - x more/d, where d = was + more. The subtracted term is rounded,
+ * instead of the result, and is exactly 0 if `more` is 0, so that x does not change then.
+ * The quotient more/d has 32 binary digits, and both halves of x are multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
@@ -354,8 +366,9 @@ static inline tse_real r_times(tse_short x, r_factored a)
   return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS);
 }
 
-/* Write the row as mantissas m of `digits` binary digits with a common shift.
- *   Returned:  the shift `right`: x = m 2^-(right + FIXED_BITS) */
+/* Convert the row to mantissas m of `digits` binary digits with a common shift, which is
+ * chosen for the largest element.
+ *   Returned:  the shift `right`: element i has the value m[i] 2^-(right + FIXED_BITS) */
 static inline int32_t write_mantissas(const tse_real *x, int n, tse_short *m, int digits)
 {
   int64_t bits = 0;
@@ -423,8 +436,9 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return from + fixed_shifted(sum, SHORT_BITS + right);
 }
 
-/* Return a factor whose magnitude is below 1/2, in units of 2^-32. The bits that are
- * shifted out would change an element of a row by less than an eighth of its unit. */
+/* Convert a factor whose magnitude is below 1/2 to an integer in units of 2^-32. Bits of
+ * its mantissa below 2^-32 are lost. In a product with an element of a row they would
+ * change the result by less than an eighth of its unit. */
 static inline int32_t convert_small_factor(r_factored a)
 {
   return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
@@ -446,10 +460,11 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
   return saturate_short(y + more);
 }
 
-/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS and below 16 in
- * magnitude, so that the sum of 32 products with a row is below 2^62. The results of
- * r_unit() and r_over_unit() fit 32 bits: the unit of a state is at most 1, and
- * r_over_unit() is called only for units of the motion, which are at least 2^-8. */
+/* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS. Their magnitude
+ * is below 16, so that the sum of 32 products with a row is below 2^62 and fits an
+ * int64_t. The results of r_unit() and r_over_unit() fit 32 bits, because the unit of a
+ * state is at most 1, and r_over_unit() is called only for units of the states of the
+ * motion, which are at least 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
@@ -488,11 +503,14 @@ static inline void r_slope_sums(
     }
 }
 
-/* Sums of products of coefficients and numbers of scaled rows, one term after the other.
- * They are exact in 64 bits, and rounded once at the end: to a scaled number, or to a
- * rate, which is not scaled.
+/* Sums of products, one term after the other, with which car.c propagates partial
+ * derivatives. Each product has a coefficient (a velocity or a partial derivative of the
+ * model) and an element of a row of the transition matrix, which is scaled by 2^ROW_UP. A
+ * sum is exact in 64 bits and rounded once at the end. r_end() converts it to an element
+ * of a scaled row. r_end_rate() converts it to a rate, i.e. the change of such an element
+ * per second, which can be larger and is not scaled.
  *   coefficient  units 2^-20, up to 1024
- *   number       units 2^-(SHORT_BITS + ROW_UP), up to 16
+ *   element      units 2^-(SHORT_BITS + ROW_UP), up to 16
  *   rate         units 2^-SHORT_BITS, up to 256
  * A sum has at most 7 products, each below 2^60. */
 typedef int32_t r_coefficient;

@@ -1,10 +1,11 @@
 /* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The comments on the right
- * give its lines, and its equations in parentheses.
+ * give the line numbers of Algorithm 1 and, in parentheses, the equations of the paper.
  *
- * The order of the lines differs in two places. Lines 17 and 18, the prediction to the
- * next row, are processed when the next row arrives, because the time step is not known
- * before. Line 4, which updates the statistics with w, follows line 16, which draws w.
- * src/EQUATIONS.md lists all other deviations from the paper, with the reasons. */
+ * The order of the lines differs from Algorithm 1 in two places. Lines 17 and 18, the
+ * prediction to the next row, are processed when the next row arrives, because the time
+ * step is not known before. Line 4, which updates the statistics with the stiffness
+ * deviation w of this row, follows line 16, which draws w. src/EQUATIONS.md lists all
+ * other deviations from the paper, with the reasons. */
 #include "paper/paper.h"
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)

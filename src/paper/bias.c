@@ -15,10 +15,10 @@ void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
     f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MAX_BIAS_VARIANCE);
 }
 
-/* Return the max magnitude of the bias of a channel [sigma]. A sensor cannot be off by
- * more than the range of its channel. With unrealistic settings and rows the motion of a
- * particle can diverge. Without this limit, the bias would then follow it to thousands of
- * m/s2. */
+/* Return the max magnitude of the bias of a channel [sigma]. The error of a sensor cannot
+ * exceed the range of its channel. The limit is reached only with unrealistic settings
+ * and rows, if the motion of a particle diverges. Without the limit, the bias would then
+ * compensate for this motion and reach thousands of m/s2. */
 static tse_real find_max_bias(const tse_params *p, int channel)
 {
   const channel_row *const row = &channel_rows[(int)TSE_CHANNEL_accel_x + channel];
@@ -47,8 +47,9 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
 
 static tse_real clip_bias(tse_real b, tse_real max) { return r_clamp(b, -max, max); }
 
-/* Correct the biases of every particle by the bias gains times the innovation given w,
- * i.e. the innovation that uses the drawn w of the particle. */
+/* Correct the biases of every particle. The correction is the bias gain times the
+ * innovation given w: the difference between the measurement and its prediction with the
+ * drawn w of the particle. */
 static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {

@@ -2,9 +2,9 @@
  * moments of the particles. */
 #include "paper/paper.h"
 
-/* Return the sum of weight times value. It is computed as TSE_LANES partial sums, so that
- * the order of summation is the same on every machine. The sum of up to 2^16 weights,
- * each at most 1, fits every number format. */
+/* Return the sum of weight times value. It is computed as TSE_LANES partial sums, which
+ * vectorise and have the same order of summation on every machine. There are up to 2^16
+ * weights, each at most 1, so that their sum fits every number format. */
 static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);
@@ -25,9 +25,9 @@ tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
   return total;
 }
 
-/* Compute the weighted mean and variance of `count` values. Deviations are taken from the
- * first value, so that in single precision a spread of mm/s at a speed of 20 m/s is not
- * lost to rounding. */
+/* Compute the weighted mean and variance of `count` values. The sums use the differences
+ * to the first value. Otherwise, in single precision, rounding would hide a spread of
+ * mm/s at a speed of 20 m/s. */
 static void compute_moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total,
     tse_real *mean, tse_real *var)
 {

@@ -1,12 +1,14 @@
-/* paper/learn.c - equations (25), (16), (17): draw w given the sample, update the
- * statistics, forget old samples. Particles are processed in runs of RUN, so that their
- * random numbers stay in the cache. */
+/* paper/learn.c - equations (25), (16), (17): draw w, the relative deviation of each
+ * stiffness from its nominal value, given the sample; update the statistics of w (gamma,
+ * nu, mu, Lambda); forget old samples. Particles are processed in runs of RUN particles,
+ * so that their random numbers stay in the cache. */
 #include "paper/paper.h"
 #include "number/random.h"
 
 #define RUN 64
-#define MIN_NU TSE_R(6) /* min degrees of freedom: A and Sigma require nu > 4. Reached only with
-                         * a short memory and long time steps */
+#define MIN_NU TSE_R(6) /* min degrees of freedom. The scale of (22), (nut - 2)/nut with nut = nu - 2, and
+                         * the covariance Lambda/(nu - 4) of w require nu > 4. The limit is reached only
+                         * with a short memory and long time steps */
 #define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min forgetting factor of a row: keeps 2^-20 of the statistics */
 #define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
@@ -14,14 +16,16 @@
 #define TINY ((tse_real)16) /* 16 steps of the format: the root of a smaller pivot has too few digits */
 #endif
 
-/* Constants of the adaptive forgetting: the forgetting factor lambda of
- * gamma decreases while the low-passed innovations are larger than
- * low-passed white noise would be. Forgetting is adaptive if the setting
+/* Constants of the adaptive forgetting. gamma is the ratio of the variance of the mean
+ * stiffness to the variance of the stiffness about its mean. Forgetting divides gamma by
+ * lambda_mu, so that a smaller lambda_mu forgets faster. lambda_mu decreases while the
+ * low-passed innovations are larger than low-passed white noise would be, because the
+ * mean stiffness is then probably wrong. Forgetting is adaptive only if the setting
  * `forgetting_change` is below `forgetting_mean`. */
 #define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
 #define USUAL_RATIO TSE_R(3) /* [1] ratio of the mean square of the low-passed innovations to that of
-                              * low-passed white noise, up to which lambda does not change */
-#define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda per unit of the ratio above USUAL_RATIO */
+                              * low-passed white noise, up to which lambda_mu does not change */
+#define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda_mu per unit of the ratio above USUAL_RATIO */
 
 /* Draw three Student-t variates, t[0] .. t[2], for each particle of a run. */
 static void draw_student(
@@ -41,17 +45,22 @@ static void draw_student(
   }
 }
 
-/* Limit a drawn w: reflect it at w_low, clip it at w_max. With reflect_draws, w_low
- * is stiffness_min - 1, so that the stiffness stays positive. Otherwise w_low is
- * min(-w_max, w_min), which only keeps w bounded: as in the paper, the stiffness
- * 1 + w may be negative. */
+/* Limit a drawn w, the relative deviation of a stiffness: reflect it at w_low, and clip
+ * it at w_max. With the setting reflect_draws w_low is stiffness_min - 1, so that the
+ * stiffness 1 + w stays positive. Without this setting w_low is min(-w_max, w_min), which
+ * only prevents very large magnitudes: as in the paper, the stiffness may then be
+ * negative. */
 static inline tse_real bound_draw(const tse_params *p, tse_real w)
 {
   return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
 }
 
-/* Draw w of one particle from equation (25): mean mu + A d' S^-1 z, scale
- * (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular. */
+/* Draw w of one particle from the Student-t distribution of equation (25).
+ * compute_innovation() gives its quantities:
+ *   mean          mu + A d' S^-1 z
+ *   scale matrix  (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular,
+ *                 q = z' S^-1 z
+ *   Given:  ta, tb, tc  standard Student-t numbers, which are multiplied by C */
 TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real ta, tse_real tb, tse_real tc, int32_t i,
     tse_particles *TSE_RESTRICT q)
@@ -89,15 +98,16 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* Update the statistics, equation (16), with z = w - mu and lam = Lambda/nu:
+/* Update the statistics, equation (16), with z = w - mu and lam = Lambda/nu. A + marks
+ * the new value:
  *   gamma+ = gamma/(1 + gamma)
  *   nu+ = nu + 1
  *   mu+ = mu + gamma+ z
  *   Lambda+ = Lambda + z z'/(1 + gamma), thus
  *   lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
- * If a diagonal element of lam exceeds the limit that follows from spread_max,
- * all elements of lam are scaled down by the factor that brings the largest
- * one to the limit. */
+ * The setting spread_max limits the diagonal elements of lam. If one of them exceeds the
+ * limit, all elements of lam are multiplied by the factor that brings the largest
+ * diagonal element to the limit. */
 static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
     tse_real max, tse_particles *TSE_RESTRICT q)
 {
@@ -133,8 +143,9 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
 }
 
 /* Return the ratio of the mean square of the low-passed innovations (time constant
- * SLOW_TIME, mean over the channels) to that of low-passed white noise of variance 1. It
- * is large while innovations are correlated. */
+ * SLOW_TIME, mean over the channels) to the mean square that low-passed white noise of
+ * variance 1 would have. The ratio is large while successive innovations are
+ * correlated. */
 static tse_real compute_persistence(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
@@ -158,15 +169,16 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget old samples, equation (17): divide gamma by a forgetting factor lambda, and
- * multiply nu and Lambda by a forgetting factor (lam = Lambda/nu does not change). A row
- * of dt seconds counts as dt/sample_time samples, so that its factor is
- * lambda^(dt/sample_time).
+/* Forget old samples, equation (17): divide gamma by a forgetting factor lambda_mu, and
+ * multiply nu and Lambda by a forgetting factor lambda (lam = Lambda/nu does not change).
+ * Both factors apply to one sample. A row of dt seconds counts as dt/sample_time samples,
+ * so that its factors are lambda_mu and lambda to the power dt/sample_time.
  *
- * The variance of a mean is gamma times the variance of the process noise. gamma thus
- * determines how fast the mean forgets. It has its own lambda, which decreases while
- * innovations are correlated. Forgetting increases gamma at most to 1 or to its initial
- * value, whichever is larger, so that the variance of the mean stays limited. */
+ * The variance of the mean of w is gamma times the variance of w about its mean. A larger
+ * gamma thus means that the mean forgets faster. lambda_mu differs from lambda, because
+ * it decreases while innovations are correlated. Forgetting increases gamma at most to 1
+ * or to its initial value, whichever is larger, so that the variance of the mean stays
+ * limited. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

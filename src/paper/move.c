@@ -1,10 +1,10 @@
 /* paper/move.c - equation (7): propagate every particle from the previous row to this
- * one, with the w drawn at the previous row. */
+ * row, with the stiffness deviation w that was drawn at the previous row. */
 #include "paper/paper.h"
 
-/* Values of the setting `integration`. 0: Euler, as in the paper. 1: second
- * order, with inputs that are linear between rows. 2: as 1, but with the steering
- * angle of the previous row. */
+/* Values of the setting `integration`. 0: Euler's method, as in the paper. 1: ROS2, a
+ * method of second order, with inputs that change linearly between rows. 2: like 1, but
+ * the steering angle keeps its value of the previous row until this row. */
 #define EULER 0
 #define HELD_STEER 2
 

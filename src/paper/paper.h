@@ -1,8 +1,8 @@
-/* paper/paper.h - the particle filter of the paper (form 1): stages of Algorithm 1.
- * Numbers in parentheses are equations of the paper. Internal.
+/* paper/paper.h - the particle filter of the paper: stages of its Algorithm 1. Numbers in
+ * parentheses are equations of the paper. Internal.
  *
- * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces are divided by
- * the mass of the car, and each measurement by the sd of its sensor. The recursions of
+ * Symbols are those of the paper. src/EQUATIONS.md gives their units: forces are divided
+ * by the mass of the car, and each measurement by the sd of its sensor. The recursions of
  * gamma, of nu and of the covariance P of the biases do not contain measurements. These
  * quantities are therefore the same for all particles, and are stored only once. */
 #ifndef TSE_PAPER_H
@@ -11,8 +11,8 @@
 #include "estimator/stages.h"
 #include "paper/particle.h"
 
-/* Loops over particles vectorise only if the compiler knows that the constants and the
- * particles do not overlap in memory. */
+/* Qualifier of pointers to the constants and to the particles: their memory does not
+ * overlap. Without it the compiler does not vectorise loops over particles. */
 #if defined(__cplusplus) || (defined(_MSC_VER) && !defined(__clang__))
 #define TSE_RESTRICT __restrict
 #else
@@ -40,10 +40,11 @@ typedef struct common {
 } common;
 
 /* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and the
- * distribution of w given y, (25). z is whitened by (P + R)^-1/2, so that each channel
- * has the same noise. Channels are processed one after the other. Each uses the
- * covariance of w given the channels before it, which is equivalent to a Cholesky factor
- * of S. The yaw rate does not depend on w. */
+ * distribution of w given y, (25). z and d are whitened, i.e. multiplied by (P + R)^-1/2,
+ * so that the noise of all channels has the same scale. The channels are then processed
+ * one after the other: the distribution of w is conditioned on accel_x, and the result on
+ * accel_y. This gives the same result as a Cholesky factor of S. The yaw rate does not
+ * depend on w, and contributes only to q and to the determinant of S. */
 typedef struct innovation {
   tse_real z1, z2, z3;   /* whitened innovations; 0 if the measurement is missing */
   tse_real d1[2], d2[3]; /* whitened rows of d for accel_x, accel_y */
@@ -53,10 +54,12 @@ typedef struct innovation {
   tse_real q;            /* z' S^-1 z */
 } innovation;
 
-/* Condition the mean m and the covariance a of w on one channel.
- *   Given:     d0, d1, d2  row of d for this channel
- *              z, r        whitened innovation, and the scale of its noise
- *   Returned:  *scale      scale of the whitened innovation */
+/* Condition the distribution of w, with mean mu + e->m and scale matrix e->a, on one
+ * channel.
+ *   Given:     d0, d1, d2  whitened row of d for this channel
+ *              z           whitened innovation
+ *              r           scale of its noise
+ *   Returned:  *scale      scale of the whitened innovation: d a d' + r */
 TSE_INLINE void condition_on_channel(
     innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
 {
@@ -186,18 +189,21 @@ void paper_weighted_means(
 
 /* ------------------------------------------------------------------------- resample.c */
 
-/* Resample the particles in proportion to their weights, line 9. The
- * weights are then equal. */
+/* Resample the particles in proportion to their weights, line 9 of Algorithm 1. All
+ * weights are equal afterwards. */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
 
-/* Choose the ancestors of n particles, in ascending order.
- *   Given:  scheme  setting `resampling`
- *           weight  relative to the largest weight, which must be 1 */
+/* Choose, for each of n new particles, the old particle of which it becomes a copy (its
+ * ancestor), in ascending order.
+ *   Given:     scheme    setting `resampling`
+ *              weight    weights, divided by the largest one
+ *   Returned:  ancestor  index of the ancestor of each new particle */
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 
-/* Reorder the list of ancestors, so that each particle that is an ancestor is its own
- * ancestor: it stays in its place.
+/* Reorder the list of ancestors. Particle i will be replaced by particle ancestor[i].
+ * After the call ancestor[i] = i for each particle i that occurs in the list, i.e. this
+ * particle stays unchanged, and the other elements of the list name such particles.
  *   Given:  copies  memory for n elements */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 
@@ -217,8 +223,8 @@ void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, con
 
 /* ------------------------------------------------------------------------------ row.c */
 
-/* Set excited[a] to 1 for each stiffness that recent inputs have excited, otherwise to
- * 0. */
+/* Set excited[a] to 1 for each stiffness that can be estimated because recent inputs have
+ * changed its force (see row.c), otherwise to 0. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 

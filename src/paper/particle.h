@@ -1,24 +1,26 @@
-/* paper/particle.h - the vehicle model of vehicle.h as the particle filter uses it,
- * equations (6), (7), (9) of the paper, for one particle.
+/* paper/particle.h - the vehicle model of vehicle.h in the form that the particle filter
+ * uses: equations (6), (7), (9) of the paper, for one particle.
  *
- * All functions are inline and without branches, so that loops
- * over particles vectorise. */
+ * All functions are inline and have no branches, so that the compiler vectorises loops
+ * over particles. */
 #ifndef TSE_PARTICLE_H
 #define TSE_PARTICLE_H
 
 #include "model/vehicle.h"
 
-/* Rows of d and h of (9), divided by the sds of the sensors. The third row of d (yaw
- * rate) and element (1, 3) are 0. */
+/* Matrix d and vector h of (9), divided by the sds of the sensors. The accelerations are
+ * h + d w. The struct omits elements that are 0: the third row of d (yaw rate) and
+ * element (1, 3), the derivative of accel_x with respect to the rear cornering
+ * stiffness. */
 typedef struct observation {
   tse_real d11, d12, d21, d22, d23; /* partial derivatives of accel_x, accel_y with respect to w */
   tse_real h1, h2;                  /* accel_x, accel_y at w = 0 */
 } observation;
 
-/* Nominal stiffness, divided by the mass of the car and by the sd of a sensor. Letters of
- * the names: x longitudinal, y cornering stiffness; f front, r rear; 1 sd of accel_x,
- * 2 sd of accel_y. xr1_follow is xr1 times p->follow. p->follow is the ratio of the
- * relative deviations of the longitudinal stiffness, rear to front. */
+/* Nominal stiffness, divided by the mass of the car and by the sd of a sensor. The names
+ * consist of: x longitudinal or y cornering stiffness; f front or r rear axle; 1 sd of
+ * accel_x or 2 sd of accel_y. xr1_follow is xr1 times p->follow: the relative deviation
+ * of the rear longitudinal stiffness is p->follow times that of the front. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;
 } observation_gains;

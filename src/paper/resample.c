@@ -1,15 +1,16 @@
-/* paper/resample.c - four schemes of resampling. Each chooses n ancestors in proportion
- * to their weights.
+/* paper/resample.c - four schemes of resampling. Each chooses n ancestors, i.e. particles
+ * that are copied, in proportion to the weights.
  *
  * Each scheme places n positions on the cumulative weights, scaled to 0 .. 1, and takes
  * the particles at these positions. The schemes differ in the positions (U: a uniform
  * random number; k = 0 .. n - 1; q: ratio of a weight to the sum of weights):
  *   systematic   (k + U)/n, one U for all
- *   stratified   (k + U_k)/n, one U each
+ *   stratified   (k + U_k)/n, an independent U_k for each k
  *   multinomial  n sorted uniform numbers
- *   residual     floor(n q) copies, then stratified over the remainders of n q
- * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle
- * filtering", ISPA 2005. */
+ *   residual     first floor(n q) copies of each particle. The remaining positions are
+ *                stratified on the cumulative remainders n q - floor(n q)
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
+ * ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 
@@ -104,9 +105,9 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as in choose_residual() */
 }
 
-/* Reorder the list of ancestors, so that each particle that is an ancestor is its own
- * ancestor: it stays in its place. paper_copy_particles() then needs no second buffer,
- * because it reads only particles that stay in their places. */
+/* Reorder the list of ancestors, so that ancestor[i] = i for each particle i that occurs
+ * in the list: this particle is not overwritten. The other particles are overwritten by
+ * copies of such particles. paper_copy_particles() therefore needs no second buffer. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
@@ -127,8 +128,9 @@ void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
     for (int32_t i = 0; i < n; i++) row[i] = row[ancestor[i]];
 }
 
-/* Multiply Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal: a random
- * factor of mean 1 (regularised resampling). */
+/* Multiply Lambda of every particle by a random factor of mean 1, so that copies of a
+ * particle differ (regularised resampling). The factor is 2^(k n - k^2 ln 2/2). n is a
+ * standard normal number, and k is p->kernel, the sd of the log2 of the factor. */
 static void scatter_spreads(const tse_params *p, tse_filter_paper *f)
 {
   const tse_real k = p->kernel, half = r_mul(TSE_R(0.34657359027997264), r_mul(k, k));

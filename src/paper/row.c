@@ -1,13 +1,15 @@
 /* paper/row.c - process a row of tse_step() with the particle filter: everything around
- * Algorithm 1. The paper assumes a row at intervals of Ts, a moving car, and measurements
- * of all channels. In a row that violates one of these assumptions, the motion is
- * predicted with the mean stiffness, and the statistics are not updated. */
+ * Algorithm 1. The paper assumes rows at intervals of Ts, a car that drives forward, and
+ * measurements of all channels. A row is only predicted, with the mean stiffness and
+ * without an update of the statistics, if the car is too slow, drives in reverse or
+ * steers too much, or if an input or all measurements are missing. After a gap in the log
+ * the motion is initialised again. */
 #include "paper/paper.h"
 
 #define REVERSE_SPEED TSE_R(-0.1) /* [m/s] wheel speed below which the car is in reverse */
 #define EXCITATION_TIME TSE_R(0.1) /* [s] time constant of the low pass of the regressors */
-#define MAX_REGRESSOR TSE_R(1e6) /* [1] max of a regressor divided by the sd of its sensor: its square
-                                  * fits a float */
+#define MAX_REGRESSOR TSE_R(1e6) /* [1] max of a regressor (acceleration per w, divided by the sd of its
+                                  * sensor), so that computing its square does not overflow */
 
 /* Classification of a row. */
 typedef struct row_kind {
@@ -24,15 +26,17 @@ static tse_real find_max_wheel_speed(const sample *y)
 
 /* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
  * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness fits the data equally well. The criterion is the variance, over
- * the recent past, of the regressor phi of the stiffness. phi is a column of the matrix d
- * of (9), in sds of the sensor per unit of w. An estimate of the stiffness from `memory`
- * samples, each with the noise variance 1 + phi^2 spread^2, has the variance
- *   (1 + E[phi^2] spread^2)/(memory var(phi)),
- * which must be below valid_sd^2. The result is used for validity only. The recent past
- * is 2 `memory` samples long, because after a change the estimated velocity takes longer
- * to settle than the estimated stiffness. Regressors are low-passed first, because noise
- * of a wheel speed looks like slip but does not move the car. */
+ * a different stiffness fits the data equally well. The criterion uses the regressor phi
+ * of the stiffness: the derivative of a measurement with respect to w, its relative
+ * deviation, divided by the sd of the sensor. It is an element of the matrix d of (9).
+ * Let the stiffness be estimated from `memory` samples. The noise variance of a sample is
+ * 1 + phi^2 spread^2. The variance of the estimate is then
+ *   (1 + E[phi^2] spread^2)/(memory var(phi)).
+ * The stiffness counts as excited if this is at most valid_sd^2. Otherwise its estimate
+ * is reported as not valid; the estimate itself does not depend on the result. E and var
+ * are taken over the last 2 `memory` samples, because after a change the estimated
+ * velocity takes longer to settle than the estimated stiffness. Regressors are low-passed
+ * first, because noise of a wheel speed looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
@@ -54,8 +58,10 @@ void paper_excitation(
   }
 }
 
-/* Advance the particles to this row: initialise them, predict them, or initialise
- * only their motion. */
+/* Advance the particles to this row. Up to the first row with all inputs, initialise
+ * them. After a gap, initialise only their motion. In all other rows, predict them,
+ * unless the inputs have been missing for longer than max_gap: then the motion is
+ * kept. */
 static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
@@ -78,8 +84,8 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   return k;
 }
 
-/* Report a row without an update. The next row is then predicted
- * with the mean stiffness. */
+/* Report a row without an update. Replace w of each particle by its mean mu, so that the
+ * next row is predicted with the mean stiffness. */
 static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);

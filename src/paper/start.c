@@ -3,8 +3,8 @@
 #include "paper/paper.h"
 #include "number/random.h"
 
-/* Draw six standard normal numbers for a particle. They depend only on
- * seed, step and particle. */
+/* Draw six standard normal numbers for a particle. They depend only on the seed, the step
+ * and the index of the particle. */
 static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
 {
   uint32_t a, b;

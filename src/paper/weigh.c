@@ -3,9 +3,10 @@
 
 #define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight / largest weight: smaller ones are negligible */
 
-/* Return Gamma(x + 1/2)/Gamma(x), x >= 2. It is computed by the asymptotic series at
- * x + 4, and from there by the recursion g(x) = g(x + 1) x/(x + 1/2). The relative error
- * is below 2e-7 (6/x)^5: the first neglected term is 399/(262144 x^5) at x >= 6. */
+/* Return g(x) = Gamma(x + 1/2)/Gamma(x), x >= 2. g(x + 4) is computed by the asymptotic
+ * series for large arguments. The recursion g(x) = g(x + 1) x/(x + 1/2) then gives g(x).
+ * The first neglected term of the series is 399/(262144 y^5) at y = x + 4 >= 6, so that
+ * the relative error is below 2e-7 (6/y)^5. */
 static tse_real compute_gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
@@ -39,8 +40,9 @@ static tse_real compute_log2_common(const tse_params *p, const common *n, const 
           r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* A missing channel has a row of zeros in d, and contributes the factor n->r to |S|.
-   * Remove this factor. */
+  /* The determinant |S| is computed from all three channels. For a missing channel the
+   * row of d is 0, so that the channel contributes the factor n->r, the scale of the
+   * noise, to |S|. Remove this factor. */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }

@@ -1,21 +1,26 @@
-/* tables/columns.h - lists of all channels, outputs, status and reason codes, as macros.
- * Range checks, texts, tse_describe() and the FMUs expand them with macros of their own:
+/* tables/columns.h - lists of all channels, outputs, status and reason codes, as macros
+ * whose arguments are macros: CHANNELS(ROW) expands to ROW(...) for each channel. Range
+ * checks, texts, tse_describe() and the FMUs each define their own ROW. The lists, with
+ * the macros that they take as arguments:
  *   CHANNELS, VELOCITIES, PEDALS, ROADS
- *                 ROW(name, drives, min, max, unit, text); drives is 1 if the channel is
- *                 an input of the model of the car, and 0 if it is a measurement
+ *                 columns of a log. ROW(name, drives, min, max, unit, text); drives is 1
+ *                 if the channel is an input of the model of the car, and 0 if it is a
+ *                 measurement
  *   DRIVER        ROW(name, default, min, max, unit, text); inputs of the simulator
  *   OUTPUTS       NUMBER(name, member, unit, text)
  *                 FLAG(name, member, text)
  *                 CODE(name, member, enumeration, text)
  *                 STIFFNESS(name, member, member of an FMU in N or N/rad, unit, text)
- *                 REASON(name, member, member of an FMU that is 1 if valid, quantity to
- *                 which the reason code belongs)
+ *                 REASON(name, member, member of an FMU that is 1 if the estimate is
+ *                 valid, estimated quantity to which the reason code belongs)
  *   STATUSES, REASON_CODES
  *                 ROW(name, word, text)
- *   REPLAY_START  ROW(name, default, unit, text)
+ *   REPLAY_START  stiffness, biases and initial motion with which the model replays a
+ *                 log. ROW(name, default, unit, text)
  *   TRUTHS        true values that the simulator logs: NUMBER and STIFFNESS as above, but
- *                 with an additional first argument, the group of the column: true or
- *                 drawn
+ *                 with an additional first argument, the prefix of the column. It is
+ *                 drawn for the stiffness of one row, which is drawn at random about its
+ *                 mean, and true for all other values
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H

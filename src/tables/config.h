@@ -1,5 +1,6 @@
-/* tables/config.h - one row for each setting: its default, its range, and the effect
- * to which it belongs. Checking the ranges by a loop over a table needs 4 kB less flash
+/* tables/config.h - one row for each setting: its default, its range, and the effect to
+ * which it belongs. An effect is a property of a car that the single-track model leaves
+ * out (effects.toml). Checking the ranges by a loop over a table needs 4 kB less flash
  * than code that compares each setting with its range. settings.c defines the arrays.
  * Internal to the sources. */
 #ifndef TABLES_CONFIG_H
@@ -24,8 +25,9 @@ enum {
   // clang-format on: end of table
 };
 
-/* The effect to which a setting belongs (TSE_EFFECT_...), and 1 if the setting is a
- * strength of the effect. An effect is off while all its strengths are 0. */
+/* The effect to which a setting belongs (TSE_EFFECT_...), and whether the setting is a
+ * strength of this effect (1) or a shape parameter, for example a frequency (0). An
+ * effect is off while all its strengths are 0. */
 typedef struct effect_row {
   uint8_t effect, strength;
 } effect_row;

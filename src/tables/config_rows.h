@@ -1,6 +1,6 @@
-/* tables/config_rows.h - contents of the arrays that config.h declares, values of the
- * vehicle class, and the settings of a car whose parameters are known exactly. Included
- * by estimator/settings.c only. */
+/* tables/config_rows.h - contents of the arrays that config.h declares; typical values
+ * for settings that are not set; and the settings of tse_config_exact(), which describes
+ * a car whose parameters are known exactly. Included by estimator/settings.c only. */
 #include <stddef.h>
 
 #define CONFIG_REAL(fmu, name, def, exact, lo, hi, unit, text) \
@@ -10,8 +10,8 @@
 #define EFFECT_OF(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, ...) \
   { TSE_EFFECT_##effect, (strength) > 0 },
 
-/* Typical values of the vehicle class, for settings that are not set. The source is
- * uncalibrated.toml. */
+/* Values of an ordinary passenger car, the "vehicle class", that tse_prepare() uses for
+ * settings that are 0, which means "not set". The source is uncalibrated.toml. */
 // clang-format off: table car_class
 #define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness / load of the axle; the compliance
                                     * of the steering is included */

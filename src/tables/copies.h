@@ -1,5 +1,6 @@
-/* tables/copies.h - members of tse_params that equal a setting, from column `constant` of
- * the tables of settings. Included by estimator/prepare.c only. */
+/* tables/copies.h - list of the members of tse_params that are copies of a setting. The
+ * tables of the settings give the member in their column `constant`. Included by
+ * estimator/prepare.c only. */
 #include <stddef.h>
 
 #define COPY(constant, setting) \

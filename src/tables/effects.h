@@ -1,13 +1,15 @@
-/* tables/effects.h - bits and parameters of the effects of effects.toml. Internal
- * to the sources. */
+/* tables/effects.h - bits and parameters of the effects, i.e. of the properties of a car
+ * that the single-track model leaves out (effects.toml). Internal to the sources. */
 #ifndef TABLES_EFFECTS_H
 #define TABLES_EFFECTS_H
 
 #include "tse/real.h"
 
-/* TSE_EFFECT_<id>: number of the bit of an effect in tse_effects.mask. A build without
- * effects (CMake option TSE_EFFECTS) saves flash. It has only the CONSTANT effects, and
- * tse_config_check() refuses the others. It has no simulator and no replay. */
+/* TSE_EFFECT_<id>: number of the bit of an effect in tse_effects.mask. Effects can be
+ * left out of a build with the CMake option TSE_EFFECTS=OFF, which saves flash. Such a
+ * build has only the effects of the hook CONSTANT (effects.toml), which change settings
+ * once at the start, and tse_config_check() refuses settings that switch on another
+ * effect. It has no simulator and no replay. */
 enum {
   // clang-format off: table effect_places
   TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius,
@@ -33,7 +35,8 @@ enum {
 // clang-format on: end of table
 
 /* Effects and their parameters, as prepared by tse_prepare(). Bit TSE_EFFECT_<id> of mask
- * is 1 if the effect is on: if at least one of its strengths is not 0. */
+ * is 1 if the effect is on. It is on if at least one of its parameters that are strengths
+ * is not 0. */
 typedef struct tse_effects {
   uint64_t mask;
 #if !defined(TSE_NO_EFFECTS)

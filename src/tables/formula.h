@@ -1,5 +1,7 @@
-/* tables/formula.h - places and operations of a formula of the user, from formula.toml.
- * Internal to the sources. */
+/* tables/formula.h - a formula of the user is a term that is added to the vehicle model,
+ * for example to a slip angle. This file lists the quantities of the model to which it
+ * can be added (PLACE_...), and its operations, from formula.toml. Internal to the
+ * sources. */
 #ifndef TABLES_FORMULA_H
 #define TABLES_FORMULA_H
 
@@ -13,8 +15,12 @@ enum {
   // clang-format on: end of table
 };
 
-/* List of all operations. The arguments are macros, one for each kind of operation:
- *   NUMBER, SIGNAL, PLAIN, MEMORY(name, code, number of operands, unit, text) */
+/* List of all operations. The arguments are macros, one for each kind of operation. Each
+ * has the arguments (name, code, number of operands, unit, text):
+ *   NUMBER  one of the constants formula_a .. formula_h
+ *   SIGNAL  a signal of the model in this step
+ *   PLAIN   a function of the operands
+ *   MEMORY  a function that also depends on earlier values of the operands */
 // clang-format off: table formula_operations
 #define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \
   NUMBER(a, 1, 0, "", "formula_a") \

@@ -1,5 +1,5 @@
-/* tables/input.h - rows of the channels of a log row, with their ranges, from input.toml.
- * Internal to the sources. */
+/* tables/input.h - one table row for each channel of a log, with its range, from
+ * input.toml. Internal to the sources. */
 #ifndef TABLES_INPUT_H
 #define TABLES_INPUT_H
 

@@ -1,5 +1,5 @@
-/* tables/rows.h - types of the rows of settings and channels, and functions that read,
- * check and set a value by its row. Internal to the sources. */
+/* tables/rows.h - types of the rows of the tables of settings and channels, and functions
+ * that read, check and set the setting or channel of a row. Internal to the sources. */
 #ifndef TABLES_ROWS_H
 #define TABLES_ROWS_H
 
@@ -22,9 +22,9 @@ typedef struct whole_row {
 } whole_row;
 
 /* A channel: its name, offset in its struct, min, max. `drives` is 1 if the channel is an
- * input of the model of the car: a log row in which its value is out of range is refused.
- * `drives` is 0 if the channel is a measurement: a value out of range counts as
- * missing. */
+ * input of the model of the car. If such a value is out of range, the row of the log is
+ * refused. `drives` is 0 if the channel is a measurement. If a measurement is out of
+ * range, it counts as missing. */
 typedef struct channel_row {
   const char *name;
   uint16_t at;
