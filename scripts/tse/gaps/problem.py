@@ -73,7 +73,7 @@ class Problem:
         self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
         self.given = {name: self.nominal[name] for name in list_signed_delays()}
-        if self.logs:  # the effect stiffness_drift refers to the duration of the longest log
+        if self.logs:  # the drift of the effect stiffness_drift lasts as long as the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
             {c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs
@@ -261,7 +261,8 @@ class Problem:
         """
         values = self.fixed | dict(values)
         found = {}
-        # This function is called often, and mostly there is no profile.
+        # `own` has the values at the knots of this log. Mostly there are none. Then the
+        # loop is skipped, because this function is called often.
         own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._count_knots(i))]

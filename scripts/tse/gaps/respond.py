@@ -111,7 +111,7 @@ def _move_simulation(
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], MIN_FIT_SPEED), c.mass
-    # mean of each disturbance over the time step that ends at each block
+    # row i: mean of each disturbance over the time from block i - 1 to block i
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
     if place == "force_x":
         # u is the disturbance [m/s2], x the change of the car's speed that it causes. The
@@ -127,7 +127,7 @@ def _move_simulation(
         return {"accel_x": out}
     front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
     turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
-    across, turning = {  # response to a disturbance of 1: lateral [m/s2], yaw [rad/s2]
+    across, turning = {  # lateral [m/s2] and yaw acceleration [rad/s2] that a disturbance of 1 causes
         "front_angle": (front / m, c.lf * front / c.yaw_inertia),
         "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),

@@ -28,20 +28,20 @@ STEER_AMPLITUDE = 0.03  # [rad] at the wheels: the tyres remain nearly linear
 SWEEP_BAND = (0.2, 3.0)  # [Hz] first and last frequency of the sine sweep
 SLALOM_FREQUENCY = 0.6  # [Hz]
 STEP_PERIOD = 4.0  # [s] time from step to step of the steering wheel
-STEP_RISE = 0.3  # [s] time that a driver takes for a step
-KNOWN_LATENCY = 0.002  # [s] sd of a latency that the documentation of the bus states
-KNOWN_INERTIA = 0.03  # relative sd of a yaw inertia that a test bench measured
-KNOWN_PLACE = 0.02  # [m] sd of a position that a tape measure measured
-# A proposal is listed if it narrows the interval of an axle to less than this share of
-# the present interval
+STEP_RISE = 0.3  # [s] time in which a driver turns the steering wheel for a step
+KNOWN_LATENCY = 0.002  # [s] sd of a latency if it is taken from the documentation of the bus
+KNOWN_INERTIA = 0.03  # relative sd of the yaw inertia if it is measured on a test bench
+KNOWN_PLACE = 0.02  # [m] sd of the position of the velocity sensor if it is measured with a tape measure
+# A proposal is listed if it narrows the confidence interval of the cornering stiffness of
+# at least one axle to less than this share of its present width
 MAX_REMAINING = 0.9
 
 
 @dataclass(frozen=True)
 class Offer:
-    """A proposal, and the intervals that would result from it."""
+    """A drive or measurement that is proposed, and the accuracy that would result."""
 
-    what: str
+    what: str  # the proposal in words
     sd: dict[str, float]  # name of a cornering stiffness -> resulting sd of ln(stiffness)
 
 
@@ -53,13 +53,13 @@ def steer_sweep(t: np.ndarray) -> np.ndarray:
 
 
 def steer_steps(t: np.ndarray) -> np.ndarray:
-    """Return the steering angle [rad] of steps to the left and right."""
+    """Return the steering angle [rad] of steps, alternately to the left and right."""
     side = np.where((t // STEP_PERIOD).astype(int) % 2, -1.0, 1.0)
     return STEER_AMPLITUDE * side * np.clip((t % STEP_PERIOD) / STEP_RISE * 2 - 1, -1, 1)
 
 
 def steer_slalom(t: np.ndarray) -> np.ndarray:
-    """Return the steering angle [rad] of a sine."""
+    """Return the steering angle [rad] of a slalom, a sine of SLALOM_FREQUENCY."""
     return STEER_AMPLITUDE * np.sin(2 * np.pi * SLALOM_FREQUENCY * t)
 
 
@@ -72,12 +72,13 @@ MANOEUVRES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offer]:
-    """Return the proposals that would narrow the interval of an axle, cheapest first.
+    """Return the proposals that would make a cornering stiffness more accurate.
 
-    A proposal is listed if it narrows the interval of at least one axle to less than
-    MAX_REMAINING of the present one. Most of the computing time is for partial
-    derivatives of simulations: each manoeuvre needs a simulation of 40 s, and the
-    proposal of a measured velocity needs simulations of all logs.
+    The cheapest comes first. A proposal is listed if it narrows the confidence interval
+    of the cornering stiffness of at least one axle to less than MAX_REMAINING of its
+    present width. Most of the computing time is for partial derivatives of simulations:
+    each manoeuvre needs a simulation of 40 s, and the proposal of a measured velocity
+    needs simulations of all logs.
     """
     now = compute_axle_sd(problem, fit, _compute_car_information(problem, fit))
     latency_sd = _compute_sd_if_known(problem, fit, _list_latencies(problem), KNOWN_LATENCY)
@@ -92,7 +93,7 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
     ]
     if any(c in problem.channels for c in VELOCITY):
         levers = ["velocity_lever_x", "velocity_lever_y"]
-        place = f"place of the velocity sensor in the vehicle file known to {100 * KNOWN_PLACE:g} cm"
+        place = f"position of the velocity sensor known to {100 * KNOWN_PLACE:g} cm"
         found.insert(0, Offer(place, _compute_sd_if_known(problem, fit, levers, KNOWN_PLACE)))
     else:
         found.append(Offer("these drives with an INS", _compute_sd_with_velocity(problem, fit, vehicle)))
@@ -140,7 +141,9 @@ def _list_latencies(problem: CarProblem) -> list[str]:
 
 
 def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd: float) -> dict[str, float]:
-    """Return the sds (Offer.sd) that result if the unknowns `names` are known to `sd`."""
+    """Return the sds (Offer.sd) that would result if the unknowns `names` were measured,
+    each with an error of sd `sd`.
+    """
     information = _compute_car_information(problem, fit)
     at = [problem.names.index(n) for n in names]
     information[at, at] += sd**-2

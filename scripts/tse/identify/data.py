@@ -63,7 +63,7 @@ class PreparedLog:
     time: np.ndarray  # [s]
     inputs: dict[str, np.ndarray]  # smoothed inputs of the model
     measured: dict[str, np.ndarray]  # compared channels; missing or repeated values are NaN
-    noise: dict[str, float]  # sd of one row of a compared channel
+    noise: dict[str, float]  # sd of the sensor noise in one row, for each compared channel
     stretches: list[FitStretch]
     rows_per_block: int
     distance: np.ndarray  # [m] travelled since the first row
@@ -305,7 +305,7 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
 
 def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean of x over each compared block, and its number of finite values."""
+    """Return for each compared block the mean of x, and the number of finite values."""
     parts = []
     for s in log.stretches:
         piece = x[s.first : s.last][s.used]

@@ -30,7 +30,7 @@ from scipy.sparse.linalg import splu
 
 from tse.identify.problem import CarProblem
 
-HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not quadratic
+HUBER = 4.0  # [rms of the channel's residuals] residual above which the loss is linear, not quadratic
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
@@ -47,7 +47,10 @@ MAX_HALVINGS = 6  # number of lengths of a step that are tried, each half as lon
 
 @dataclass(frozen=True)
 class ResidualScale:
-    """Rms of the residuals of a channel, and the sd for their weight, in their unit."""
+    """Rms of the residuals of a channel, and the sd that determines their weight.
+
+    Both have the unit of the residuals.
+    """
 
     rms: float  # root mean square, with outliers clipped
     sd: float  # a residual has the weight 1/sd^2; sd is larger than rms if residuals are correlated
@@ -68,7 +71,7 @@ class CarFit:
         x in the coordinates of the search: cornering stiffnesses are replaced by their
         inverses.
     scales
-        Rms of the residuals, and the sd for their weight. Key: channel.
+        Rms of the residuals, and the sd that determines their weight. Key: channel.
     residuals, slopes, equations
         At x and z: residuals, their partial derivatives with respect to x and to z, and
         normal equations.
@@ -101,7 +104,7 @@ def measure_scales(
     before: Mapping[str, ResidualScale] | None = None,
     near: bool = True,
 ) -> dict[str, ResidualScale]:
-    """Return, for each channel, the rms of the residuals and the sd for their weight.
+    """Return for each channel the rms of its residuals and the sd that sets their weight.
 
     Parameters
     ----------
@@ -152,7 +155,11 @@ def compute_cost(
     z: np.ndarray,
     residuals: list[np.ndarray],
 ) -> float:
-    """Return the cost that the search minimises, for given scales."""
+    """Return the cost that the search minimises (see the top of this file).
+
+    `scales` has rms and weight of the residuals, from measure_scales(). `residuals` are
+    the residuals at x and z.
+    """
     away = x - problem.mean
     total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
     for e, (_, c) in zip(residuals, problem.groups, strict=True):
@@ -164,7 +171,11 @@ def compute_cost(
 
 @dataclass
 class NormalEquations:
-    """Normal equations at a point, from which z is eliminated (Schur complement)."""
+    """Normal equations of the search at a point (x, z), reduced to equations for x alone.
+
+    x has the unknowns of the car, z the bank and grade of the roads (see the top of this
+    file). z is eliminated by the Schur complement.
+    """
 
     information: np.ndarray  # information matrix of x, after the elimination of z
     gradient: np.ndarray  # gradient of the cost with respect to x, after the elimination of z
@@ -179,7 +190,7 @@ class NormalEquations:
         return -self.factor.solve(self.own + self.across @ step)
 
     def compute_road_evidence(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
-        """Return the evidence [nat] that some values of the road differ from 0.
+        """Return the evidence [nat] that some values of bank or grade differ from 0.
 
         It is the ln of the Savage-Dickey ratio: prior density divided by posterior
         density of these values at 0, with x and all other values marginalised. `values`
@@ -197,7 +208,7 @@ class NormalEquations:
         return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
 
     def compute_road_sd(self) -> np.ndarray:
-        """Return the posterior sd of each value of the road, with x marginalised."""
+        """Return the posterior sd [rad] of each value of z, with x marginalised."""
         if self.factor is None:
             return np.zeros(0)
         inner = self.factor.solve(np.eye(len(self.own)))
@@ -346,7 +357,7 @@ def fit(
             tables = _update_slopes(problem, tables, roads, residuals, new, by, along)
             x, z, residuals = there, z + along, new
             steps += 1
-            say(f"step {steps}: the largest change of an unknown is {moved:.2g} sd")
+            say(f"step {steps}: the largest change of an unknown is {moved:.2g} posterior sd")
         exact = not converged and ((near and settled) or gain < MIN_GAIN_SHARE * expected)
         if exact:
             tables, roads = (

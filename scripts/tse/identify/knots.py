@@ -76,7 +76,11 @@ class Knots:
         return cls(list(distance), of_log, first, count, tuple(kinds))
 
     def __len__(self) -> int:
-        """Return the length of the vector z: for each road, its bank, then its grade."""
+        """Return the length of the vector z.
+
+        z has the values at the knots: bank of the first road, then its grade, then bank
+        and grade of the second road, and so on.
+        """
         return len(self.kinds) * sum(self.count)
 
     def get_slice(self, road: int, profile: str) -> slice:

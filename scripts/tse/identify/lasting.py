@@ -26,11 +26,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags of the differences that determine walk
-MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance
-MIN_PIECE_VALUES = 20  # least number of values in an interval, and of pairs of values at a lag
-LASTING_PIECE_TIME = 10.0  # [s] interval in measure_share(): about two manoeuvres
-SHARE_QUANTILE = 0.9  # measure_share() returns this quantile of the ratios of its intervals
+SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags in the formula of walk, see the top of this file
+MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance in the integral power
+# min number of values in an interval of measure_share(), and of pairs of values at a lag.
+# Intervals and lags with fewer are not used
+MIN_PIECE_VALUES = 20
+LASTING_PIECE_TIME = 10.0  # [s] length of an interval in measure_share(): about two manoeuvres
+SHARE_QUANTILE = 0.9  # measure_share() computes a ratio for each interval and returns this quantile
 
 
 @dataclass(frozen=True)
@@ -44,10 +46,12 @@ class Piece:
 
 @dataclass(frozen=True)
 class Lasting:
-    """Slow part of the residuals of a channel."""
+    """Size of the slow part of the residuals of a channel (see the top of this file)."""
 
-    power: float  # [unit^2 s]
-    walk: float  # [unit/sqrt(s)]
+    power: float  # [unit^2 s] integral of the autocovariance over positive lags
+    # [unit/sqrt(s)] sd after 1 s of a random walk whose spectrum is nowhere below that of
+    # the residuals
+    walk: float
 
 
 def measure_lasting(pieces: Sequence[Piece]) -> Lasting:

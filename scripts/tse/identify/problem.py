@@ -86,7 +86,7 @@ SPEED_TIME = 1.0
 SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
 MIN_SLIP_SPEED = 5.0  # [m/s] lower limit of average_speed(); at lower speeds slip is not observable
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
-MIN_BLOCK_FILL = 0.5  # a block with fewer values than this share of the median number is not used
+MIN_BLOCK_FILL = 0.5  # a block is not used if it has fewer values than this share of the median number
 # Lower limit of the ratio: rms of the model error / rms of the signal, for accel_y and
 # yaw_rate. The ratio is 1.1 .. 4 % for the cars of tests/cars, and 2.7 .. 5 % for real
 # cars. accel_x has no such limit: with it, the weight of accel_x would be too small to
@@ -150,13 +150,14 @@ class CarProblem:
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         known = any(log.road for log in self.logs)
         self.leans = len(self.logs) if lean and not known else 0
-        # the simulation gets the lean as part of the bank, not as a setting
+        # The setting is 0, because the bank that simulate() passes to the model contains
+        # the lean.
         self.nominal = config.as_dict() | ({LEAN: 0.0} if lean or known else {})
         self._curves = [compute_curve_accel(log, config) for log in self.logs]
         self._lay_out()
         self._state_prior()
         self.road = Knots.lay([log.distance for log in self.logs]) if road is None else road
-        if known:  # the measured profile replaces all knots
+        if known:  # a log has measured bank or grade, so there are no knots
             self.road = False
         self._place = [self._locate_values(g) for g in range(len(self.groups))]
 
@@ -229,7 +230,7 @@ class CarProblem:
         )
 
     def _locate_values(self, g: int) -> np.ndarray:
-        """Return the place [m] along the road of each value of a group; NaN: off road."""
+        """Return the place [m] on the road of each residual of a group; NaN: off road."""
         if self.road is False:
             return np.zeros(0)
         i = self.groups[g][0]
@@ -237,17 +238,18 @@ class CarProblem:
         return np.where(there > 0, place, np.nan)[self._together[g]].mean(axis=1)
 
     def get_step(self, g: int) -> float:
-        """Return the median time [s] between values of a group."""
+        """Return the median time [s] between the residuals of a group."""
         return float(np.median(np.diff(self.time[g]))) if len(self.time[g]) > 1 else BLOCK_TIME
 
     def compute_noise(self, g: int) -> float:
-        """Return the sd that white noise of the sensor causes in a value of a group."""
+        """Return the sd that white sensor noise causes in a residual of a group."""
         i, channel = self.groups[g]
         block = self.logs[i].noise[channel] / np.sqrt(np.maximum(self._count[g][self._together[g]], 1))
         sd = float(np.sqrt(np.mean(block**2)))
         if channel != "accel_x":
             return sd
-        # response of the values (means over SPEED_BLOCKS) to an error of 1 in one block
+        # response of the residuals (each is a mean over SPEED_BLOCKS blocks) to an error
+        # of 1 m/s2 in one block
         one = np.zeros(SPEED_BLOCKS + round(5 * SPEED_TIME / BLOCK_TIME))
         one[0] = 1.0
         slip = self.compute_slip_time() * float(np.mean(self.average_speed(g))) * one
@@ -343,7 +345,7 @@ class CarProblem:
         return [(y - p)[u] for y, p, u in zip(self._measured, self.predict(x, z), self._used, strict=True)]
 
     def get_measured(self, g: int) -> np.ndarray:
-        """Return the measured values of a group, one per used block."""
+        """Return the measured values of a group: one mean for each compared block."""
         return self._measured[g][self._used[g]]
 
     def _compute_signal(self, g: int) -> np.ndarray:
@@ -383,7 +385,10 @@ class CarProblem:
 
     @staticmethod
     def _integrate(difference: np.ndarray) -> np.ndarray:
-        """Return the leaky integral of a difference, with time constant SPEED_TIME."""
+        """Return the leaky integral of a difference of accel_x (one value per block).
+
+        Its time constant is SPEED_TIME.
+        """
         keep = float(np.exp(-BLOCK_TIME / SPEED_TIME))
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
@@ -399,11 +404,16 @@ class CarProblem:
         return self.config.mass / (self.config.longitudinal_stiffness_front * front + rear_stiffness * rear)
 
     def average_speed(self, g: int) -> np.ndarray:
-        """Return the mean speed [m/s] of each compared value, at least MIN_SLIP_SPEED."""
+        """Return for each residual the mean speed [m/s] over the blocks that it averages.
+
+        Lower speeds than MIN_SLIP_SPEED are replaced by MIN_SLIP_SPEED.
+        """
         return np.maximum(self._speed[g][self._together[g]].mean(axis=1), MIN_SLIP_SPEED)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return the yaw rate [rad/s] of each value at 1 m/s2 of lateral acceleration."""
+        """Return for each residual the yaw rate [rad/s] that a lateral acceleration of
+        1 m/s2 causes at the speed that average_speed() returns.
+        """
         return 1.0 / self.average_speed(g)
 
     # ---- partial derivatives

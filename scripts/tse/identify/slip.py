@@ -29,18 +29,19 @@ LONGITUDINAL_KEY = "cx_front"
 RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 
 # Prior sds of the unknowns of the regression.
-# [s] latency between the wheel speeds of both axles: two messages of a bus with cycle
-# times of 10 .. 20 ms
+# [s] sd of the latency between the wheel speeds of both axles: two messages of a bus with
+# cycle times of 10 .. 20 ms
 WHEEL_LATENCY_SD = 0.006
-# ratio of the wheel radii of both axles, relative to the vehicle file. Wear and tyre
-# pressure change it. In the regression, an error of the ratio is a constant offset of the
-# slip. A bias of accel_x causes such an offset, too, so this sd must cover both
+# sd of the ratio of the wheel radii of both axles, relative to the vehicle file. Wear and
+# tyre pressure change the ratio. In the regression, an error of the ratio is a constant
+# offset of the slip. A bias of accel_x causes such an offset, too, so this sd must cover
+# both
 RADIUS_RATIO_SD = 0.01
-LAG_SD = 0.1  # [s] latency of accel_x relative to the wheels, minus relaxation time of the tyres
-DRAG_SD = 0.1  # [kg/m] coefficient of the air drag, minus its value in the fit
-INVERSE_STIFFNESS_SD = 1e3  # inverse stiffness, relative to the vehicle file: practically no prior
-BEND_SD = 0.25  # relative error of the nonlinear part of the slip and of the change of the radii
-# sds of the unknowns common to all logs, in the order of the columns of _Samples.x
+LAG_SD = 0.1  # [s] sd of: latency of accel_x behind the wheels + relaxation time of the tyres
+DRAG_SD = 0.1  # [kg/m] sd of: true coefficient of the air drag - coefficient found by the search
+INVERSE_STIFFNESS_SD = 1e3  # sd of: stiffness in the vehicle file / true stiffness; practically no prior
+BEND_SD = 0.25  # sd of the relative error of the nonlinear part of slip and of the change of the radii
+# prior sds of the unknowns common to all logs, in the order of the columns of _Samples.x
 PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)
 
 # sd of ln(stiffness) caused by model errors (pitch, rolling radius under load, tyre
@@ -111,10 +112,11 @@ def apply_slip_regression(
     src/model/car.c, and F/C is the slip of a linear tyre at static load. radii(a) is the
     change of the rolling radii by the load transfer at the acceleration a. bend, with
     prior sd BEND_SD, is the relative error of both effects. later is the latency of the
-    driven wheels behind the free ones, and lag that of accel_x behind the wheels. drag is
-    the error of the coefficient of the air drag. radius is the relative error of the
-    ratio of the radii. It includes the effect of the bias of accel_x, which differs from
-    log to log, so each log has a radius of its own.
+    driven wheels behind the free ones. lag is the latency of accel_x behind the wheels,
+    plus the relaxation time of the tyres. drag is the error of the coefficient of the air
+    drag. radius is the relative error of the ratio of the radii. It includes the effect
+    of the bias of accel_x, which differs from log to log, so each log has a radius of its
+    own.
 
     Method: weighted least squares with Huber weights and priors. The first regressor,
     slip(F), contains noise of accel_x, which would make its coefficient 1/k too small. So
@@ -211,7 +213,10 @@ def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]
 
 
 def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
-    """Return the latency [s] of the front behind the rear wheels, minus its prior."""
+    """Return how much later [s] the front wheel speed is than the rear wheel speed.
+
+    The prior mean of this difference is subtracted.
+    """
     front, rear = (list(problem.names).index(name + LATENCY_SUFFIX) for name in WHEEL_CHANNELS)
     return float(fit.x[front] - problem.mean[front] - fit.x[rear] + problem.mean[rear])
 
@@ -298,7 +303,7 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
         w = w * len(y) / (total * lasts)
         information = (x * w[:, None]).T @ x + prior
         noisy = float(w @ noise) * np.linalg.inv(information)[0, 0]
-        information[0, 0] -= w @ noise  # the part that noise of accel_x adds to the square of the slip
+        information[0, 0] -= w @ noise  # the part of the sum of slip(F)^2 that noise of accel_x causes
         b = np.linalg.solve(information, (x * w[:, None]).T @ y)
         error = w * (y - x @ b)
         score = np.column_stack([np.bincount(block, error * column) for column in x.T])

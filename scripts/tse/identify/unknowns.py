@@ -71,15 +71,20 @@ class Unknown:
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
     message: str = ""  # unknowns with the same message have a common error with sd COMMON_SD[message]
-    # limit for the absolute value, and for its change against the vehicle file. Below the
-    # limit they do not matter to the user, and the report of a calibration says so. 0:
-    # there is no limit, because the unknown describes the shape of an effect and not its
-    # size. Example: the distribution of an effect between the axles
+    # limit for the absolute value, and for the change against the vehicle file. A value
+    # or change below the limit does not matter to the user, and the report of a
+    # calibration says so. 0: there is no limit, because the unknown describes the shape
+    # of an effect and not its size. Example: the distribution of an effect between the
+    # axles
     worth: float = 0.0
 
 
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
-    """Return the latency of a channel as an unknown with the individual sd `own` [s]."""
+    """Return the latency of a channel as an unknown.
+
+    `own` [s] is the prior sd of the error that this channel does not have in common with
+    others (see COMMON_SD).
+    """
     return Unknown(
         name + LATENCY_SUFFIX,
         "latency",
@@ -158,7 +163,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
-    # the friction of both axles differs by tyres or camber: front / rear is 0.8 .. 1.2
+    # Tyres and camber make the friction of the two axles different. The ratio front /
+    # rear is 0.8 .. 1.2
     Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
@@ -191,7 +197,7 @@ UNCERTAIN_SETTINGS = {
 # causes. Logs determine only the sum of both scale errors, so only the sd of the sum is
 # reported
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
-SUPERELEVATION = "superelevation"  # lean of the roads of a log; name_in_log() adds the index of the log
+SUPERELEVATION = "superelevation"  # lean of the roads of a log (see LEAN_MEAN); name_in_log() adds the index
 
 
 def name_in_log(name: str, log: int) -> str:

@@ -51,13 +51,13 @@ class UnknownSetting(SettingError, KeyError):
 
 @dataclass(frozen=True)
 class Field:
-    """One row of a table of the library."""
+    """One field of a struct of the library, or one code of the list STATUS or REASON."""
 
     name: str
     # s: setting (tse_setting), r: tse_real, i: int32, u: uint32, c: code,
     # p: pointer to an array, o: pointer to an array or NULL
     kind: str
-    offset: int  # [bytes] from the start of the struct. In STATUS and REASON: the code
+    offset: int  # [bytes] from the start of the struct. For a code: its number
     default: float
     low: float
     high: float
@@ -66,7 +66,7 @@ class Field:
 
     @property
     def has_range(self) -> bool:
-        """True if the table limits the value."""
+        """True if the library limits the value to a range, `low` to `high`."""
         return self.high >= self.low
 
     @property
@@ -412,7 +412,7 @@ class Library:
         return self._fields[which]
 
     def field(self, which: int, name: str) -> Field:
-        """Return the field or row `name` of struct or list `which`."""
+        """Return the field `name` of a struct, or the code `name` of a list of codes."""
         return next(f for f in self._fields[which] if f.name == name)
 
     @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)
@@ -741,7 +741,7 @@ class NativeFilter:
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Step the filter with rows of any numeric types; return an output for each."""
+        """Step the filter with rows of any numeric types; return one output per row."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
             given[name] = rows[name]

@@ -160,7 +160,7 @@ class LocalPool(Workers):
 
 
 def _raise_died(more: str = "") -> Any:
-    """Raise Died. This function replaces the result of a task whose process has died."""
+    """Raise Died. next() returns this function for a task whose process has died."""
     raise Died(more)
 
 

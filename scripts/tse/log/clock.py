@@ -14,7 +14,7 @@ MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
 # [s] longest gap that the library allows; a longer jump is taken as an error of the clock
 MAX_TIME_GAP = 3600.0
-BRIDGED_GAP = 60.0  # [s] gap that replaces such a jump; longer than any transient of a car
+BRIDGED_GAP = 60.0  # [s] gap that replaces a jump beyond MAX_TIME_GAP; longer than any transient of a car
 
 
 def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:

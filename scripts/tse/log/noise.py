@@ -31,7 +31,7 @@ import numpy as np
 
 from tse.log.rows import DRIVES, CheckedLog
 
-NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/s
+NOISE_FLOOR = {  # min sd of the noise, in the unit of the channel: m/s2, rad/s
     "accel_x": 0.05,
     "accel_y": 0.05,
     "yaw_rate": 0.001,
@@ -39,14 +39,14 @@ NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/
     "wheel_speed_rear": 0.0,
 }
 MAX_HOLD = 10  # [rows] a longer hold is not detected
-MIN_NOISE_ROWS = 50  # least number of rows from which noise is estimated
+MIN_NOISE_ROWS = 50  # min number of rows from which noise is estimated
 # The misfit of an accelerometer is its value minus the acceleration that follows from
 # wheel speeds and yaw rate (class Misfit).
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
 # [s] length of the windows in which the sd of the misfit is computed. The average of the
 # misfit over this time is its slow part.
 WINDOW_TIME = 2.0
-SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
+SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part of the misfit is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
 NORMAL_QUIET = 0.3853  # quantile QUIET_QUANTILE of |x| if x is a standard normal variable
 MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving

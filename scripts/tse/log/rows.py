@@ -76,8 +76,12 @@ COLUMN_HINTS = {
 # [s] allowed median step between rows. A step below MIN_ROW_STEP is refused only if it is
 # below half of it
 MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0
-MAX_SHUFFLED = 0.2  # share of rows whose time falls; above it the rows are not sorted by time
-MAX_BACK = 0.5  # share of rows whose time does not increase; above it the column holds no time
+# share of rows whose time falls. Above it the log is refused: its rows are not sorted by
+# time
+MAX_SHUFFLED = 0.2
+# share of rows whose time does not increase. Above it the log is refused: the column does
+# not hold times
+MAX_BACK = 0.5
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
@@ -107,7 +111,7 @@ MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
 MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
 # A channel with fewer rows is not tested for being stuck or computed.
 MIN_STUCK_ROWS = 200
-MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row of the witness is used
+MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row is used for WITNESSES
 # A measurement is stuck if it has the same value in all rows although the motion of the
 # car changes. The change is seen in a second channel, the witness. Columns: measurement;
 # witness; limit of the range of the witness (95 % minus 5 % quantile), in the unit of the

@@ -53,11 +53,11 @@ class _Message:
 
     line: int  # number of the line with its statement BO_
     identifier: int  # EXTENDED_BIT is set if the identifier is an extended one
-    name: str  # clean name
+    name: str  # clean name of the message
     length: int  # [bytes] -1: the message is left out
     sender: str
-    signals: dict[str, str] = field(default_factory=dict)  # clean name -> repaired statement SG_
-    called: dict[str, str] = field(default_factory=dict)  # name in the file -> clean name
+    signals: dict[str, str] = field(default_factory=dict)  # clean name of a signal -> repaired statement SG_
+    called: dict[str, str] = field(default_factory=dict)  # name of a signal in the file -> clean name
 
     def text(self, names: Iterable[str]) -> str:
         """Return the statements of the message with the named signals."""

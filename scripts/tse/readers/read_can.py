@@ -137,7 +137,8 @@ class Bus:
                 frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
-                # only the first signal with this pattern adds the numbers of the frames
+                # Signals with the same pattern are in the same frames, so only the first
+                # of them adds the numbers of the frames.
                 if len(frames) == len(kept.value[s.name]):
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)

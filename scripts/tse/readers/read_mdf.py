@@ -38,7 +38,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     damage = ""
     _check_chains(path)
     hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None  # suppresses messages of __del__() after damage
+    sys.unraisablehook = lambda _: None  # suppresses messages of __del__() if the file is damaged
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
             channels = correct_time_units(_read_channels(path, mdf, how), how, notes)

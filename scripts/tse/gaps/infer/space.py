@@ -27,13 +27,14 @@ from tse.log.noise import compute_moving_average
 
 # prior sd of each stiffness, relative to its value in the vehicle file
 STIFFNESS_SD = 0.5
-# prior sd of the strength of an effect outside the set, in units of its negligible size
+# prior sd of the strength of an effect outside the fitted set of effects (see the top of
+# this file), as a multiple of CatalogueParameter.negligible
 ABSENT = 0.5
 # rms of the model error that even the best model has, in units of the noise of a block.
 # With noise of rms 1, the residuals then have the rms NOISE_LIMIT, up to which a model
 # counts as explaining a channel.
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
-# Width of the finite differences for effects outside the set, as a multiple of
+# Width of the finite differences for effects outside the fitted set, as a multiple of
 # CatalogueParameter.step. As a step is 0.02 of the typical size of a parameter, the width
 # is 0.3 of the typical size. Effects are nonlinear, so a wide difference describes the
 # influence of an effect of typical size better than a narrow one.

@@ -106,7 +106,7 @@ def check_model(
     notes += problem.notes
     if not problem.logs:
         raise UserError("; ".join(notes) or "no log can be compared")
-    say("fitting stiffness and biases")
+    say("fitting stiffness and sensor biases")
     baseline = fit_parameters(problem, STIFFNESS_PARAMETERS, {})
     say("computing the smallest visible size of every effect")
     found = detect.compute_detectable(problem, baseline, list(load_catalogue().values()))

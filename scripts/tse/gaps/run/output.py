@@ -147,7 +147,7 @@ def write_road_files(out: Path, result: GapResult) -> list[Path]:
 
 
 def make_headline(result: GapResult) -> str:
-    """Return the verdict in a few words, for the title of the picture."""
+    """Return the verdict in a few words, as the title of the picture PICTURE_FILE."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
@@ -159,7 +159,8 @@ def make_headline(result: GapResult) -> str:
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
 
 
-# ---- table of the residuals before and after, from which the report makes figures
+# ---- Table of the residuals before and after effects are added to the vehicle file. The
+# report draws its figures from this table.
 
 
 def make_table(
@@ -275,7 +276,11 @@ def compute_gain(
 
 
 def describe_gain(gained: Mapping[str, Any]) -> list[str]:
-    """Return the gain as sentences for the terminal."""
+    """Return a sentence for each stiffness, for the terminal: the share of time in which
+    the estimate is valid, with the vehicle file of the user and with the improved one.
+
+    `gained` is the result of compute_gain().
+    """
     shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
     return [
         f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."

@@ -32,7 +32,8 @@ NEED = 8.0  # [nat] min evidence with which two effects count as separated
 # the share is smaller, model errors of a real car hide the difference between the
 # effects.
 RIVAL_SHARE = 0.1
-# [nat] min evidence for an effect with which a manoeuvre counts as exciting this effect
+# [nat] A manoeuvre excites an effect if the evidence for a car with this effect, against
+# a car without it, is at least this value.
 MIN_EXCITED_NATS = 0.1
 # Relative change of the sum of squares below which a fit ends. It must be small here. The
 # simulated logs have almost no noise, so the sum of squares that is left after the fit is
@@ -44,7 +45,7 @@ MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
 # evidence against a car without both effects (Option.shows), it is set to 0. So small an
 # evidence comes from the step size of the integration, not from the effects.
 SAME = 0.02
-MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need more are not separable
+MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need a longer one are not separable
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ HEADLINE = {
     "possible": "Possible",
     "not_in_catalogue": "Not in the catalogue",
 }
-MAX_CONDITIONS = 12  # max number of conditions in the report
+MAX_CONDITIONS = 12  # max number of conditions of driving with large residuals in the report
 
 
 @dataclass
@@ -98,7 +98,12 @@ def sort_by_size(found: Sequence[Any]) -> list[Any]:
 
 
 def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return the gain of the estimator as rows of a table: quantity, before, after."""
+    """Return the results of the estimator with two vehicle files, as rows of a table.
+
+    Each row has a quantity, its value with the vehicle file of the user (before), and its
+    value with the improved vehicle file (after). `gain` is the result of
+    output.compute_gain().
+    """
 
     def make_row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
         return title, say(of["before"]), say(of["after"])

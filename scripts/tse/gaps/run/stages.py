@@ -31,10 +31,10 @@ class Stage:
     means over 40 ms, in the unit of the channel.
     """
 
-    signal: float  # rms of the measurement about its mean in each log
-    filed: float  # rms of the residual with the vehicle file
-    calibrated: float  # rms of the residual after EVERY_CAR was calibrated
-    named: float  # rms of the residual with the named effects
+    signal: float  # rms of the measurements after subtraction of the mean of each log
+    filed: float  # rms of the residuals with the vehicle file
+    calibrated: float  # rms of the residuals after a calibration of the parameters in EVERY_CAR
+    named: float  # rms of the residuals with the named effects
     noise: float  # rms of the sensor noise in a block mean
 
     @property
@@ -88,7 +88,10 @@ def compute_stages(
 
 
 def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
-    """Return a heading for a part of the logs, and a line for each channel."""
+    """Return lines of text: a heading, and for each channel the rms values of its Stage.
+
+    `title` describes the part of the logs (fitted or held out) in the heading.
+    """
     head = f"Error of the simulation, {title}: vehicle file, calibrated, with named effects (noise)"
     rows = [
         f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}"

@@ -51,7 +51,7 @@ FIT, HELD_OUT = "fit", "held_out"  # the two parts of the logs: fitted, and held
 
 @dataclass
 class Found:
-    """The named effects, and the formula for the remainder that they leave."""
+    """The named effects, and the formula for the residuals that these effects leave."""
 
     naming: name.Naming
     # result of the search for a formula; None if there was no search
@@ -81,7 +81,7 @@ class Found:
 
     @property
     def after(self) -> dict[Key, float]:
-        """The values of `final` and the settings of the formula, for a simulation."""
+        """Values to simulate the improved car with: parameters and formula settings."""
         return dict(self.final.values) | (self.formula.settings() if self.formula else {})
 
 
@@ -118,7 +118,8 @@ class GapResult(Found):
     # It also has the effects whose smallest visible size is below their typical size.
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    # the held-out logs, each on the road of the fitted logs that it matches, if any
+    # the held-out logs. If a held-out log was driven on a road of the fitted logs, it has
+    # bank and grade of this road
     held: Problem | None = None
     held_level: Problem | None = None  # the held-out logs on level roads
 
@@ -226,9 +227,9 @@ def run_workflow(
     if not level.logs:
         raise UserError("; ".join(said) or "no log can be compared")
     held = held if held is not None and held.logs else None
-    say("fitting car and road")
+    say("fitting the parameters of the car and the profiles of the roads")
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
-    say("fitting stiffness and biases")
+    say("fitting stiffness and sensor biases")
     baseline = few_baseline = name.fit_plain_car(level)
     problem = level.of([remove_latencies(log, config) for log in roads.logs])
     if not closes_part(problem, level, baseline):
@@ -238,7 +239,7 @@ def run_workflow(
         held = place_on_roads(roads.list_roads(), held, ready_held, others, config, notes)
     few, few_held = problem, held
     if is_long(problem):
-        say("choosing the most informative stretches")
+        say("choosing the most informative stretches of the logs")
         few = choose_excerpt(problem, name.fit_plain_car(problem))
         few_baseline = name.fit_plain_car(few.of([replace(log, road={}) for log in few.logs]))
         notes.append(
@@ -253,7 +254,7 @@ def run_workflow(
 
     naming = name.name_effects(few, apply_priors(vehicle), say, few_baseline, roads.found)
     notes += said
-    say("checking what the named effects do not explain")
+    say("checking the residuals that the named effects leave")
     found = Found(naming)
     if vehicle.formula is not None:
         notes.append(
@@ -275,7 +276,7 @@ def run_workflow(
             discovery=found.discovery and search.refit_on_all(problem, naming.final, found.discovery),
         )
 
-    if found.formula:  # the vehicle file gets the sizes that were fitted together with the formula
+    if found.formula:  # the vehicle file gets effect sizes that were fitted together with the formula
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
     changes: dict[str, ChannelChange] = {}
@@ -286,7 +287,7 @@ def run_workflow(
         after = held.compute_residuals(values)
         changes = compare_models(held, held_level.compute_residuals(found.naming.baseline.values), after)
         elsewhere = find_excess_remainders(held, Fit([], values, after, np.zeros((len(after), 0))))
-    say("comparing vehicle file, calibrated car and named effects")
+    say("computing residuals with vehicle file, calibrated car and named effects")
     every_car = calibrate_every_car(ready, config, vehicle, jobs)
     in_stages = {FIT: compute_stages(level, ready, every_car, (problem, found.after))}
     if held is not None:
@@ -389,7 +390,7 @@ def _count_seconds(problem: Problem) -> float:
 
 
 def find_excess_remainders(problem: Problem, last: Fit) -> list[remainder.Remainder]:
-    """Return the remaining errors of a fit that exceed the sensor noise."""
+    """Return those remaining errors of a fit that exceed the sensor noise."""
     return drop_noise(remainder.find_remainders(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
@@ -562,7 +563,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
     text += f"; probability {_format_percent(n.probability)}"
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
-    elif n.alone < 1.0:  # its share of the whole gap is small, because another effect is large
+    elif n.alone < 1.0:  # the share of the whole gap is small, because another effect is large
         text += f", it closes {100 * n.alone:.0f} % of the gap that the other named effects leave."
     else:
         text += "."
