@@ -84,10 +84,10 @@ RECENT = 1.0
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
 # Max plausible difference between lag_steer and its prior mean, in units of its prior sd
-# (steer_lag_sd). lag_steer is the estimated lag of the steering that remains after the log
-# is corrected by the latencies of the vehicle file. A larger difference means that the log
-# comes from another logger or uses another signal than the one for which the latencies
-# were determined.
+# (steer_lag_sd). lag_steer is the estimated lag of the steering that remains after the
+# log is corrected by the latencies of the vehicle file. A larger difference means that
+# the log comes from another logger or uses another signal than the one for which the
+# latencies were determined.
 UNLIKELY = 3.0
 # A stiffness counts as valid on a log or stretch if at least this share of its rows is
 # valid
