@@ -62,7 +62,7 @@ const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_v
 const fmu_array fmu_arrays[] = {
   { OUTPUT("true.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER) 3 },
   { OUTPUT("drawn.relative.stiffness", 'r', y.drawn, "1",
-      "stiffness drawn for this row, relative to nominal" ORDER) 3 },
+      "true stiffness, drawn at random for this row, relative to nominal" ORDER) 3 },
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 

@@ -13,7 +13,8 @@ enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 /* Arrays of three are in the order of TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. */
 typedef struct model {
   tse_config config;      /* values of the parameters as the importer sees them */
-  int32_t exact;          /* 1: a parameter that is not set gets the value of tse_config_exact() */
+  int32_t exact;          /* 1: in `used`, a parameter that the importer has not set has the value of
+                           * tse_config_exact(). 0: it has its start value */
   uint8_t set[SETTINGS];  /* NOT_SET .. SET_TO_ANOTHER. Index: offset of the parameter in config / 4 */
   tse_config used;        /* settings with which the filter runs */
   tse_setting nominal[3]; /* [N, N/rad, N/rad] nominal stiffness */
@@ -21,7 +22,7 @@ typedef struct model {
   uint32_t pedals_given;  /* bits of the pedals in row.given, shifted to bit 0 */
   uint32_t road_given;    /* bits of the road in row.given, shifted to bit 0 */
   tse_output y;           /* outputs of the last row */
-  tse_setting mean[3];    /* [N, N/rad, N/rad] mean stiffness */
+  tse_setting mean[3];    /* [N, N/rad, N/rad] estimated mean stiffness */
   tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
   tse_setting spread[3];  /* [N, N/rad, N/rad] tse_output.stiffness_spread, converted from relative to SI */
   tse_setting secant[3];  /* [N, N/rad, N/rad] secant stiffness: force / slip, force / slip angle */

@@ -1,4 +1,4 @@
-/* fmu/glue/fmu_model.c - functions that all models share. */
+/* fmu/glue/fmu_model.c - variable names and ranges as text, for all FMUs. */
 #include "fmu_model.h"
 
 #include <stdio.h>

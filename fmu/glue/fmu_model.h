@@ -17,7 +17,7 @@
 
 /* A variable of the FMU. Its value reference is its index in fmu_variables. */
 typedef struct fmu_variable {
-  const char *name; /* structured and unique. Example: vehicle.mass */
+  const char *name; /* unique name, with dots between its parts. Example: vehicle.mass */
   char kind;        /* type in FMI. 'r': Real, in `model` a tse_setting for a parameter and
                      * a tse_real for an input or output. 'i': Integer, 'b': Boolean,
                      * 'e': Enumeration, these three in `model` an int32_t */

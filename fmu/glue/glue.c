@@ -23,7 +23,7 @@ static const char *describe_phase(const instance *s, char text[PHASE])
   }
 }
 
-/* A saved state, or a free place for one. */
+/* Memory for one saved state of an instance. The FMU has FMU_STATES of these. */
 typedef struct snapshot {
   volatile long taken;   /* 1: in use; 0: free */
   const instance *owner; /* instance whose state it is */
@@ -430,7 +430,8 @@ static snapshot *find_snapshot(const void *state)
   return NULL;
 }
 
-/* Return a free place for a saved state, or log an error and return NULL. */
+/* Mark a free element of `snapshots` as in use, and return it. If there is none, log an
+ * error and return NULL. */
 static snapshot *take_snapshot(const instance *s, const char *function)
 {
   char text[FMU_TEXT];
@@ -445,7 +446,7 @@ static snapshot *take_snapshot(const instance *s, const char *function)
   return NULL;
 }
 
-/* Check that a pointer points to a saved state. */
+/* Return 1 if a pointer points to a saved state. Otherwise log an error and return 0. */
 static int check_state(const instance *s, const void *state, const char *function)
 {
   if (find_snapshot(state)) return 1;
@@ -486,11 +487,11 @@ glue_status glue_free_state(const instance *s, const char *function, void **stat
 typedef struct frame {
   uint32_t magic;  /* STATE_MAGIC; a machine with the opposite byte order reads a different number */
   uint32_t format; /* STATE_FORMAT */
-  uint64_t bytes;  /* size of glue_content */
+  uint64_t bytes;  /* [bytes] size of glue_content */
   uint64_t model;  /* hash of BUILD_IDENTITY */
   uint64_t sum;    /* hash of the glue_content, as its checksum */
 } frame;
-#define STATE_BYTES (sizeof(frame) + sizeof(glue_content)) /* size of a serialized state */
+#define STATE_BYTES (sizeof(frame) + sizeof(glue_content)) /* [bytes] size of a serialized state */
 #define BUILD_IDENTITY FMU_GUID FMU_SOURCES                /* GUID, and hash of all sources */
 
 /* Return the FNV-1a hash of bytes. A change of one byte always changes it. */

@@ -53,10 +53,11 @@ enum {
  * glue_api.emit() casts it to that type. */
 typedef void glue_function(void);
 
-/* Names and features of one version of FMI. The names are for messages. */
+/* Differences between FMI 2.0 and FMI 3.0. `terminate` .. `boolean`: names that this
+ * version of FMI uses, for messages. */
 typedef struct glue_api {
-  const char *terminate;  /* name of the function that ends a run */
-  const char *token;      /* name of the attribute that identifies a model description */
+  const char *terminate;  /* function that ends a run: fmi2Terminate or fmi3Terminate */
+  const char *token;      /* id that modelDescription.xml states: "GUID" or "instantiation token" */
   const char *state;      /* name of the argument with a saved state */
   const char *references; /* name of the argument with the value references */
   const char *values;     /* name of the argument with the values */
@@ -183,7 +184,8 @@ double glue_get_time(const instance *s);
  * are not changed.   Returned: 0 if the model refuses a value, otherwise 1 */
 int glue_update_outputs(instance *s, const char *function);
 
-/* Check that this variable may be set to this value in the current phase. */
+/* Return 1 if this variable may be set to this value in the current phase. Otherwise log
+ * an error and return 0. */
 int glue_check_value(const instance *s, const fmu_variable *v, double value, const char *function);
 
 /* Return the value of an element of a variable. A scalar has only element 0. */
@@ -265,7 +267,7 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
  * otherwise overwrite the saved state *state. */
 glue_status glue_save_state(const instance *s, const char *function, void **state);
 
-/* Set the instance to a saved state. */
+/* Replace the state of the instance by a saved state. */
 glue_status glue_restore_state(instance *s, const char *function, const void *state);
 
 /* Free a saved state and set *state to NULL. */
@@ -274,7 +276,7 @@ glue_status glue_free_state(const instance *s, const char *function, void **stat
 /* Set *size to the number of bytes of a serialized state. */
 glue_status glue_get_state_size(const instance *s, const char *function, const void *state, size_t *size);
 
-/* Write a saved state to `size` bytes. */
+/* Serialize a saved state: write it to the array `bytes`, whose size is `size`. */
 glue_status glue_serialize_state(
     const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
 

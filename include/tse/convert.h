@@ -33,7 +33,7 @@ static inline double tse_double_of(tse_real x)
   return (double)x / (double)((int64_t)1 << TSE_FRACTION_BITS);
 }
 
-/* Convert a setting. Like the macro TSE_S(), first round it to single precision. */
+/* Convert a double to a setting. First round it to single precision, as TSE_S() does. */
 static inline tse_setting tse_setting_of(double x) { return tse_real_of((double)(float)x); }
 static inline double tse_double_of_setting(tse_setting x) { return tse_double_of(x); }
 

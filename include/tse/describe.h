@@ -75,8 +75,9 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;            /* number of its bit in tse_effects.mask */
-  const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
-  const char *occurrence; /* column `occurrence` of src/tables/effects.toml: SENSOR, EVERY_CAR ... */
+  const char *filter;     /* filters whose estimates depend on the effect: "both", "default" or "none" */
+  const char *occurrence; /* which cars or logs have the effect: SENSOR, EVERY_CAR, SOME_CARS ... The
+                           * head of src/tables/effects.toml defines these words */
   /* title that replaces `title` if the strength of the effect is below early_below. Such
    * a value has its cause in the log or in the IMU, not in the car. Example: if the
    * estimated steering delay is negative, the steering angle was logged late. "": `title`
@@ -96,7 +97,10 @@ typedef struct tse_setting_row {
   const char *name, *table, *filter, *replaced_by;
 } tse_setting_row;
 
-/* One parameter of an effect. The member `setting` is its name in tse_config. */
+/* One parameter of an effect.
+ *   effect     id of the effect
+ *   parameter  name of the parameter within the effect
+ *   setting    name of the parameter in tse_config: the id, "_" and the name */
 typedef struct tse_effect_parameter {
   const char *effect, *parameter, *setting, *unit, *text;
   int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape parameter;
@@ -106,7 +110,8 @@ typedef struct tse_effect_parameter {
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
   double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
-  double negligible;             /* a strength of smaller magnitude is not reported; 0 for shapes */
+  double negligible;             /* if each strength of an effect differs from `def` by less than this,
+                                  * `tselab gap` does not report the effect. 0 for a shape parameter */
 } tse_effect_parameter;
 
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.

@@ -26,7 +26,8 @@ enum {
   TSE_REGIMES
 };
 
-/* Kinds of the last change: values of tse_output.change_kind. */
+/* Kinds of the last change, values of tse_output.change_kind: none yet; the stiffness of
+ * all tyres, of the front axle or of the rear axle changed; the filter started over. */
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
 /* Estimates after one row. A stiffness is relative to its nominal value in the settings,
