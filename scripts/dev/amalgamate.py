@@ -304,7 +304,9 @@ class Amalgamation:
         }
 
     def format_part(self, name: str, text: str) -> str:
-        """Return a file without its #include lines: the headers stand above it."""
+        """Return the text of a source file for tse.c, under a line with its name.
+
+        Its #include lines are left out, because tse.c has the headers further up."""
 
         def put(m: re.Match[str]) -> str:
             # tse_formula.h is not in tse.c: 'tselab formula' writes it for the user

@@ -37,7 +37,7 @@ WIDTH = 90  # max columns of a docstring line, including ten for indent and quot
 
 
 def format_docstring(text: str, unit: str = "") -> str:
-    """Return the docstring of an attribute, in lines of at most WIDTH columns."""
+    """Return the docstring of a class attribute as code of at most WIDTH columns."""
     text = text[:1].upper() + text[1:] + (f" [{unit}]" if unit not in ("", "1") else "")
     lines = textwrap.wrap(text.replace('"', "'") + ("" if text.endswith(".") else "."), WIDTH - 10)
     return textwrap.indent('"""' + "\n".join(lines) + '"""', "    ")
@@ -69,7 +69,9 @@ def write_row() -> list[str]:
 
 
 def find_stiffness(f: Field) -> str | None:
-    """Return the name of the stiffness to which a field belongs, or None if to none."""
+    """Return the stiffness to which an output belongs. Example: cy_rear for cy_rear_sd.
+
+    Return None if the output does not belong to a stiffness."""
     return next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
 
 
@@ -159,7 +161,7 @@ def write_module() -> str:
 
 
 def main() -> int:
-    """Write the file, or check that it is up to date."""
+    """Write scripts/tse/_tables.py, or check that it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--check", action="store_true", help="change nothing; fail if the file is out of date"

@@ -155,7 +155,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
 
 
 def set_level(machine: m.Machine, level: str) -> m.Machine:
-    """Return a copy of the machine whose compiler flags have this optimisation level."""
+    """Return a copy of the machine with another optimisation level, such as "-Os"."""
     return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
@@ -204,10 +204,12 @@ def find_deepest_stack(folder: Path, name: str) -> int:
 
 @dataclass
 class Flash:
-    """Flash of the library on a Cortex-M4F, in float at -Os, with some parts left out."""
+    """Flash that the library needs on a Cortex-M4F, in float at -Os, and its limit.
+
+    The macros in `row` leave parts of the library out."""
 
     row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, macros, limit
-    size: int = 0  # [bytes] 0 if the compiler is not installed
+    size: int = 0  # [bytes] flash that is needed; 0 if the compiler is not installed
 
     def list_exceeded(self) -> list[str]:
         """Return a message if the limit is exceeded."""
@@ -352,7 +354,7 @@ def format_table(measured: list[Measured], flash: list[Flash]) -> str:
 
 
 def main() -> int:
-    """Measure, write the tables and check the limits."""
+    """Measure the cost of the filter on each target, write tables, check the limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--short", action="store_true", help="measure only the targets that the tests measure; write no file"

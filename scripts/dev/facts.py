@@ -136,7 +136,7 @@ def run_study(name: str) -> None:
 
 
 def measure() -> None:
-    """Measure and write all results, except those of studies."""
+    """Measure sizes and times, draw the pictures of the demo, and describe the FMUs."""
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
     print("sizes, time ...", flush=True)
@@ -151,7 +151,7 @@ def measure() -> None:
 
 
 def main() -> int:
-    """Run the part that the options select."""
+    """Run the studies (--study), describe the FMUs (--fmu), or measure other results."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

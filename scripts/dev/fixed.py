@@ -87,7 +87,7 @@ def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
 
 
 def simulate_drive(case: Case, seed: int) -> CaseDrive:
-    """Simulate a drive of a case with this seed."""
+    """Simulate the drive of a case of a Monte-Carlo study, with this seed."""
     return simulate_case(case, seed, lambda about: Config.exact({**INITIAL_SETTINGS, **about}), {})
 
 
@@ -148,7 +148,7 @@ def compare_builds(runs: pd.DataFrame) -> list[str]:
 
 
 def main() -> int:
-    """Run the comparison and write the page."""
+    """Compare fixed point with double on all drives, and write results/fixed.md."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -169,9 +169,10 @@ def main() -> int:
 
 
 def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
-    """Return the page with its table.
+    """Return the text of scripts/results/fixed.md.
 
-    `many`, `few`: options --runs and --paper-runs."""
+    `runs`: result of run_study(). `fixed`: the library in fixed point. `many`, `few`:
+    number of drives of each case with the default filter and with the particle filter."""
     columns = [
         "case",
         "form",

@@ -52,7 +52,9 @@ name = "LateralAcceleration"
 
 
 def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
-    """Simulate a drive. Return time [s], identifier and bytes of each of its frames."""
+    """Simulate a drive, and encode its signals as CAN frames.
+
+    Return time [s], identifier and data bytes of each frame."""
     clean = formats.make_drive(car, seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
@@ -76,7 +78,7 @@ def send(path: Path, delay: float) -> None:
 
 
 def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
-    """Run `tselab estimate` on a log. Return the estimates. `more`: further options."""
+    """Run `tselab estimate` on a log, with the options `more`. Return the estimates."""
     out = log.with_suffix(".again.csv")
     words = [*TSELAB, "estimate", log, "--vehicle", car, "--no-calibrate", "--out", out, *more]
     subprocess.run(
@@ -113,7 +115,8 @@ def describe_priority() -> str:
 
 
 def main() -> None:
-    """Measure, compare and write the page."""
+    """Measure the delay of `tselab live`, compare its estimates with those of `tselab
+    estimate`, and write scripts/results/live.md."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -63,7 +63,8 @@ def measure_estimate(folder: Path, log: Path, car: Path) -> tuple[float, float, 
 
 
 def main() -> None:
-    """Write a log in each format, measure the command on it, and write the table."""
+    """Write a log in each format, run `tselab estimate` on it, and write the table of the
+    memory and time that the command took."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -111,7 +111,7 @@ def find_laws(hook: str) -> str:
 
 
 class Refused(Exception):
-    """The skeleton cannot be written. The message is the reason."""
+    """The skeleton of the new effect cannot be written. The message is the reason."""
 
 
 def check_asked(asked: argparse.Namespace, rows: str) -> None:
@@ -220,7 +220,7 @@ def write_skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, s
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the skeleton, and print the next steps."""
+    """Write the skeleton of a new effect, and print what the user must do next."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -53,9 +53,11 @@ FLAGS = (
     "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
 )
-# The stack has 262144 bytes. The filter needs only 5 kB of it.
+# Linker options. The stack of the WebAssembly program has 262144 bytes, of which the
+# filter needs only 5 kB.
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")
-# Built-in example: double lane changes. From 30 s on, the stiffness is 70 % of nominal.
+# Built-in example drive: double lane changes for 60 s. From 30 s on, ROAD reduces the
+# stiffness of all tyres to 70 % of nominal.
 DRIVE = "double-lane-change"
 SECONDS = 60.0
 ROAD = (30.0, 0.7)
@@ -382,7 +384,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
 
 
 def main() -> int:
-    """Build the page, or check docs/try.html."""
+    """Build the page, or check that docs/try.html was built from the present sources."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -52,11 +52,11 @@ resampling. -: not run.
 
 @dataclass
 class Result:
-    """Result of one machine in one number format."""
+    """Verdict on one machine in one number format: are all bits as expected?"""
 
     machine: m.Machine
     real: str
-    says: str = ""  # verdict: SAME, REFUSED, or a text; "": not run
+    says: str = ""  # verdict: SAME, REFUSED, or why it failed or was skipped; "": not run
 
     @property
     def is_fine(self) -> bool:
@@ -89,7 +89,9 @@ def find_reason(text: str) -> str:
 
 
 def replay(work: m.Work, machine: m.Machine, real: str) -> str:
-    """Build and run the program that replays the drive. Return the verdict."""
+    """Build the program that runs the filter on the recorded drive. Run it on a machine.
+
+    Return the verdict as in Result.says."""
     name = "-".join((machine.name, machine.name_compiler(), *machine.flags))
     try:
         program = m.build_program(work, machine, real, "replay.c", name, *list_options(machine), stack=STACK)
@@ -176,7 +178,7 @@ def run_missing(work: m.Work, results: list[Result], again: bool) -> Iterator[Re
 
 
 def list_flags(machine: m.Machine) -> list[str]:
-    """Return the compiler flags that the table shows."""
+    """Return those compiler flags of a machine that the table of results shows."""
     return [
         f
         for f in machine.flags
@@ -220,7 +222,7 @@ def format_table(results: list[Result]) -> str:
 
 
 def main() -> int:
-    """Run the machines and write the table."""
+    """Run the filter on the machines, write the table of verdicts, print failures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--short", action="store_true", help="run only the machines that differ most, each in some formats"

@@ -308,7 +308,7 @@ def find_differing(first: Path, second: Path) -> list[str]:
 
 
 def main() -> int:
-    """Make the release that the options describe."""
+    """Make those parts of a release that the options name."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("version", nargs="?")
     parser.add_argument("--out", type=Path, help="folder; a release in it is deleted (release/VERSION)")

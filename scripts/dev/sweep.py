@@ -154,7 +154,8 @@ class Cars:
 
 
 def main() -> int:
-    """Measure the effect of each constant, and write the table."""
+    """For each constant, measure how results change if it is halved or doubled. Write the
+    table of these changes."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", help="constants to change (all that name a test)")
     parser.add_argument("--runs", type=int, default=4, help="drives of each simulated case (4)")

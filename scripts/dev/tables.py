@@ -113,7 +113,7 @@ def read_config() -> dict[str, Row]:
 
 
 def format_c(x: float | int | str) -> str:
-    """Return a number as C source. A string is already a C expression."""
+    """Return a number as C source. Return a string unchanged: it is a C expression."""
     return x if isinstance(x, str) else repr(x)
 
 
@@ -135,7 +135,7 @@ def format_start(row: Row, of: str = "default") -> str:
 
 
 def format_short(x: float | int | str) -> str:
-    """Return a number in the short form of comments."""
+    """Return a number with at most 10 digits, for comments. Return a string unchanged."""
     return x if isinstance(x, str) else f"{x:.10g}"
 
 
@@ -160,7 +160,7 @@ def format_member(kind: str, name: str, about: str, width: int) -> str:
 
 
 def describe_setting(row: Row) -> str:
-    """Return the comment on a setting: [unit] default, range; text."""
+    """Return the comment on a setting: "[unit] default, min .. max; meaning"."""
     unit = "" if row.get("whole") else f"[{row['unit']}] "
     numbers = f"{format_short(row['default'])}, {format_short(row['least'])} .. {format_short(row['most'])}"
     return f"{unit}{numbers}; {row['text']}"
@@ -192,7 +192,9 @@ def make_fmu_name(group: str, name: str) -> str:
 
 
 def list_settings() -> Iterator[str]:
-    """Yield a macro SETTINGS_<TABLE> for each table except effects: its settings."""
+    """Yield the lines of a macro SETTINGS_<TABLE> for each table except effects.
+
+    The macro lists the settings of the table."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
             f"{'WHOLE' if r['whole'] else 'REAL'}({quote(make_fmu_name(group, n))}, {n}, "
@@ -279,7 +281,7 @@ def list_codes(table: str) -> list[str]:
 
 
 def describe_codes(rows: dict[str, Row]) -> list[str]:
-    """Return codes as rows of tse_describe()."""
+    """Return the C source of codes, as rows of a table that tse_describe() returns."""
     return [
         f"{{ {quote(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {quote(r.get('unit', ''))}, "
         f"{quote(r['text'])} }},"
@@ -291,7 +293,7 @@ def describe_codes(rows: dict[str, Row]) -> list[str]:
 
 
 def list_constants() -> list[str]:
-    """Return the constants as macros."""
+    """Return the constants of src/tables/constants.toml as definitions of macros."""
     rows = [(n, r) for section in read("constants").values() for n, r in section.items()]
     return [
         f"#define {n + ' TSE_R(' + format_c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */"
@@ -371,7 +373,7 @@ def count_effect_numbers() -> list[str]:
 
 
 def list_effect_parameters() -> Iterator[str]:
-    """Yield a macro with the parameters of all effects."""
+    """Yield the lines of a macro that lists the parameters of all effects."""
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
         f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {format_c(r['default'])}, "
@@ -385,7 +387,10 @@ def list_effect_parameters() -> Iterator[str]:
 
 
 def list_hooks(*hooks: str) -> list[str]:
-    """Return a macro EFFECTS_<HOOK> for each hook, with its effects."""
+    """Return the definition of a macro EFFECTS_<HOOK> for each hook.
+
+    A hook is a place in the model at which functions of effects are called. The macro
+    lists the effects whose functions are called there."""
     rows = read("effects")
     return [
         f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h)
@@ -403,14 +408,14 @@ def define_formula_limits() -> list[str]:
 
 
 def describe_limits() -> list[str]:
-    """Return the rows of TSE_STRUCT_FORMULA_LIMIT."""
+    """Return the limits of a formula, as rows of the table TSE_STRUCT_FORMULA_LIMIT."""
     return describe_codes(
         {n.removeprefix("TSE_"): {"code": r["value"], **r} for n, r in read("formula")["limit"].items()}
     )
 
 
 def list_operations() -> Iterator[str]:
-    """Yield a macro with the operations of a formula."""
+    """Yield the lines of a macro that lists the operations that a formula can use."""
     rows = read("formula")["operation"].items()
     yield from format_macro(
         "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
@@ -445,12 +450,15 @@ def format_macro(name: str, rows: Iterable[str]) -> Iterator[str]:
     yield lines[-1].removesuffix(" \\")
 
 
-# FMI type of each output that is a code
+# Key: output that is a code. Value: its enumeration type in the FMU
 ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel": "FaultChannel"}
 
 
 def format_output(name: str, r: Row) -> str:
-    """Return the row of an output in the macro OUTPUTS. Its form depends on the kind."""
+    """Return the row of an output for the macro OUTPUTS.
+
+    The kind of the output (number, flag, code, stiffness, reason) selects the name and
+    the arguments of the row."""
     head, says = f"{name}, {r['member']}", quote(r["text"])
     of, _, index = r["member"].partition("[")
     if r["kind"] == "reason":
@@ -473,7 +481,7 @@ def format_output(name: str, r: Row) -> str:
 
 
 def format_truth(group: str, name: str, place: str, r: Row) -> str:
-    """Return the row of a true value in the macro TRUTHS."""
+    """Return the row of a true value of the simulated car, for the macro TRUTHS."""
     of, _, index = place.partition("[")
     if r["kind"] == "stiffness":
         si = {"stiffness": "mean_si", "drawn": "drawn_si"}[of]
@@ -526,7 +534,7 @@ def list_columns() -> Iterator[str]:
 
 
 def list_changes() -> list[str]:
-    """Return word and meaning of each kind of change, in the order of the codes."""
+    """Return names and meanings of the codes of tse_output.change_kind, in code order."""
     return [f"{{ {quote(r['word'])}, {quote(r['text'])} }}," for r in read("output")["change"].values()]
 
 
@@ -553,7 +561,7 @@ def define_internal_names() -> Iterator[str]:
 
 REGIONS: dict[
     str, Callable[[], Iterable[str]]
-] = {  # key: NAME of a part; value: function that returns its lines
+] = {  # key: NAME of a generated part of a C file; value: function that returns the lines of the part
     "settings_lists": list_settings,
     "output_members": list_output_members,
     "hashed_outputs": list_hashed_outputs,
@@ -674,8 +682,9 @@ def split_text(word: str, room: int) -> list[str]:
 
 
 def fold_row(line: str) -> list[str]:
-    """Break a row of a table between its words. In a macro, lines end with a
-    backslash."""
+    """Return a row of a generated table as several lines, broken between words.
+
+    If the row is part of a macro, each line ends with a backslash."""
     is_macro = line.endswith(" \\")
     body = line.removesuffix(" \\")
     indent = " " * (len(body) - len(body.lstrip()) + 4)
@@ -701,7 +710,7 @@ def fold(line: str) -> list[str]:
 
 
 def fill_tables(source: str) -> str:
-    """Return the text of a C file with its generated parts made anew."""
+    """Return the text of a C file in which all generated parts are written again."""
 
     def put(m: re.Match[str]) -> str:
         indent = m[1][: m[1].index("/")]

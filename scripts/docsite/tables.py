@@ -48,7 +48,7 @@ SETTING_GROUPS = {  # heading of each table of settings, in the order of tse_con
     "formula": "A formula of the user",
     "effects": "Effects",
 }
-HOOKS = {  # what an effect acts on, by its hook in src/tables/effects.toml
+HOOKS = {  # key: hook of an effect in src/tables/effects.toml; value: what the effect acts on
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
@@ -108,7 +108,7 @@ def _format_range(f: Field) -> str:
 
 
 def find_group(setting: str) -> str:
-    """Return the table of src/tables that defines a setting."""
+    """Return the name of the table in src/tables that defines a setting."""
     return library().settings[setting].table
 
 
@@ -250,7 +250,7 @@ def make_reason_codes() -> str:
 
 
 def make_regimes() -> str:
-    """Return the table of the regimes and their probabilities."""
+    """Return the table of the regimes: output with the probability, and meaning."""
     return format_table(
         ["output", "in C", "meaning"],
         [
@@ -296,7 +296,7 @@ def make_log_columns() -> str:
 
 
 def make_estimate_columns() -> str:
-    """Return the table of the columns of estimates."""
+    """Return the table of the columns that `tselab estimate --out` writes."""
     rows = [
         [format_code(name), escape_cell(unit), escape_cell(text)]
         for name, unit, text in texts.list_estimate_columns()
@@ -306,7 +306,7 @@ def make_estimate_columns() -> str:
 
 
 def make_result_columns() -> str:
-    """Return the table of the columns of a table of results."""
+    """Return the table of the columns that `tselab estimate --table` writes."""
     from tse.report.results import ESTIMATE_COLUMNS
 
     return format_table(
@@ -320,7 +320,7 @@ def make_vehicle_example() -> str:
 
 
 def make_formula_places() -> str:
-    """Return the table of the places at which a formula can act."""
+    """Return the table of the quantities of the model to which a formula can be added."""
     lib = library()
     return format_table(
         ["place", "unit", "where"],
@@ -332,7 +332,7 @@ def make_formula_places() -> str:
 
 
 def make_formula_operations() -> str:
-    """Return the table of the operations of a formula."""
+    """Return the table of the operations that a formula can use."""
     kinds = {
         "NUMBER": "number",
         "SIGNAL": "signal of the model",

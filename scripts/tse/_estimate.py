@@ -215,7 +215,8 @@ class Result(Shown):
 
     @property
     def rows(self) -> int:
-        """Number of rows that were estimated. `table` may have fewer."""
+        """Number of rows that were estimated. `table` has fewer rows if estimate() was
+        called with `out` and the log is very long."""
         return len(self._get_estimates())
 
     @property
@@ -518,5 +519,5 @@ def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Le
 
 
 def _convert_flags(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with its boolean columns as 0 and 1, as in EST.csv."""
+    """Return the table with 0 and 1 in its boolean columns, as in the CSV of to_csv()."""
     return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

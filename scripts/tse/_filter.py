@@ -226,7 +226,8 @@ class Filter:
         return Estimate(*values)
 
     def reset(self) -> None:
-        """Reset the filter to its initial state. The next row is a first row."""
+        """Reset the filter to its initial state. The next row counts as the first one: it
+        needs no time step."""
         self._filter.reset()
         self._time = None
 
@@ -284,7 +285,7 @@ class Filter:
 
 
 def check_form(form: Any) -> None:
-    """Raise SettingError if `form` is unknown."""
+    """Raise SettingError if `form` is not the name of a filter (type Form)."""
     forms = get_args(Form)
     if form not in forms:
         raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")

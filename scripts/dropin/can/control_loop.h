@@ -51,10 +51,10 @@ typedef struct control_loop {
  *              result  TSE_OK; < 0 if the self-test fails or a setting is refused */
 tse_status loop_start(control_loop *loop, const tse_config *c, const char **wrong);
 
-/* Read the channels of a frame into the readings of the current period. */
+/* Decode a frame, and store its channels as readings of the current period. */
 void loop_received(control_loop *loop, const can_frame *frame);
 
-/* Make a row of the readings. Call it every LOOP_MS. */
+/* Make a row of the readings that came since the last row. Call it every LOOP_MS. */
 void loop_period(control_loop *loop);
 
 /* Run the filter if a row is ready.   Returned: 1 if it ran on a row, otherwise 0 */
