@@ -133,7 +133,7 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   tse_real shift;
   for (int i = 0; i < 3; i++) {
     out->bias_sd[i] = r_sqrt(compute_variance(p, k, e, bias_at(i), &shift));
-    out->bias[i] = k->x[bias_at(i)] + shift;
+    out->bias[i] = r_clamp(k->x[bias_at(i)] + shift, -state_max[bias_at(i)], state_max[bias_at(i)]);
   }
   out->lag_steer_sd = r_sqrt(compute_variance(p, k, e, LATE, &shift));
   out->lag_steer = k->x[LATE] + shift;
