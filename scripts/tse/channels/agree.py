@@ -65,9 +65,11 @@ FIT_SLACK = 0.05
 # range and an accuracy of FIGURE_SD. A wrong unit is reported only if its total cost is
 # below the total cost of the best arbitrary factor.
 FREE_FACTOR_PRICE = 12.0
-# [1] A cause explains a wrong ratio if |ln ratio| is below this after the correction.
+# [1] A cause, i.e. a wrong unit or sign, explains a wrong ratio (FIGURES) if |ln ratio|
+# is below this after the unit or sign is corrected.
 EXPLAINED = 0.10
-# [1] If |ln ratio| exceeds this, there is a warning even if no cause explains the ratio.
+# [1] If |ln ratio| of any ratio exceeds this, there is a warning even if no wrong unit or
+# sign explains it.
 MAX_UNEXPLAINED = 0.35
 # [1] A wrong unit is not the only reason for a wrong ratio of the steering angle. A car
 # that is always braked in bends may oversteer, which changes the ratio, too: |ln ratio|
@@ -418,7 +420,8 @@ def _list_alternatives(name: str, x: float) -> str:
 
 
 def _compute_free_factor_cost(figures: Figures) -> float:
-    """Return the lowest cost after correction of one channel by any factor and sign."""
+    """Return the lowest cost that remains if one channel is corrected by an arbitrary
+    factor of either sign. The cost includes FREE_FACTOR_PRICE."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
         # Each ratio is proportional to a power of the factor. To find its exponent

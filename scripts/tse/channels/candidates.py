@@ -114,7 +114,9 @@ def _match_patterns(role: str, c: Channel) -> list[bool]:
 def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
-    """Return why a signal was rejected: times, values, unit, rate, name or physics."""
+    """Return why a signal is rejected for a role: because it is proposed for another
+    channel, because of its times, values, unit, rate or name, or because the kinematics
+    contradict the role."""
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]

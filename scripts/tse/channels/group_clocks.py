@@ -236,7 +236,7 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     size = 1 << (len(a) + len(b)).bit_length()
 
     def correlate_all(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return the sum of p(i) q(i + k) for all shifts k."""
+        """Return the sum over i of p(i) q(i + k), for each shift k."""
         return np.fft.irfft(np.conj(np.fft.rfft(p, size)) * np.fft.rfft(q, size), size)
 
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))

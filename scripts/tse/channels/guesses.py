@@ -346,7 +346,9 @@ def _choose_steering_unit(
     )
     name = guess.name[0]
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # the unit in the log is not plausible: deviation above 3 sd
+    # With the unit in the log, the ratio differs by more than 3 sd from 1 and from the
+    # steering ratio: the unit is not plausible.
+    if unit and off > 3.0:
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:

@@ -25,7 +25,7 @@ from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import find_unit_suffix
 
-# role -> kinds of the units that a signal with this role may have
+# role, i.e. quantity that a signal may measure -> kinds of units that the signal may have
 ROLE_KINDS = {
     "yaw_rate": ("rate",),
     "accel_y": ("acceleration",),
@@ -51,7 +51,9 @@ MAX_AT_ZERO = 0.2
 # A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-MIN_NAME_SCORE = 1.0  # min score (vocabulary.py: at most 3) of a name that describes a role
+# Min score with which a signal is taken as a measurement of a role. The score is that of
+# its name (vocabulary.py: at most 3), in some places plus those of unit and physics.
+MIN_NAME_SCORE = 1.0
 MIN_PROOF_CORR = 0.9  # min correlation for a kinematic relation to count as proven
 
 

@@ -26,7 +26,8 @@ MAX_LOST = 0.5
 
 @dataclass(frozen=True)
 class Series:
-    """A channel of the library, or one wheel of an axle, with its own times."""
+    """Times and values of a channel of the library, or of one wheel, before
+    resampling."""
 
     channel: str
     time: np.ndarray  # [s]
@@ -41,9 +42,10 @@ class Clocks:
     of corrected times."""
 
     notes: list[str] = field(default_factory=list)
-    # id of the logged times -> logged times, corrected times, mask of the kept entries
+    # id() of an array of logged times -> this array, corrected times, mask of kept
+    # entries
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
-    # (id of times, latency [s]) -> times - latency
+    # (id() of an array of times, latency [s]) -> times - latency
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:

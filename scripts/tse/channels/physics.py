@@ -21,7 +21,8 @@ USUAL_TRACK_SD = 0.08  # [1] sd of the logarithm of the track
 
 @dataclass(frozen=True)
 class LineFit:
-    """Line through two channels: y = slope x + offset."""
+    """Straight line fitted to the values x and y of two channels: y = slope x +
+    offset."""
 
     slope: float = 0.0
     offset: float = 0.0
@@ -69,7 +70,7 @@ def average(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def differentiate(x: np.ndarray) -> np.ndarray:
-    """Return the derivative with respect to time, per second."""
+    """Return the time derivative, per second, of a channel sampled at COMPARISON_RATE."""
     return np.gradient(x) * COMPARISON_RATE
 
 

@@ -384,7 +384,7 @@ def start_on_beat(
 
 
 def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
-    """Append notes on the rates and latencies of the channels to `rows`."""
+    """Append notes to `rows.notes`: rates and latencies of the channels."""
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():
         parts.setdefault(round(r), []).append(n)

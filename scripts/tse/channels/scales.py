@@ -23,7 +23,8 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import RECEIVER_TEXT
 from tse.readers.table import find_unit_suffix
 
-# units that each role may have, if neither log nor name state one
+# role, i.e. quantity that a signal may measure -> units that are tried if neither the log
+# nor the name of the signal states one
 UNIT_OPTIONS = {
     "wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"),
     "yaw_rate": ("rad/s", "deg/s"),
@@ -36,8 +37,8 @@ USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
 # Costs of units. They are added to the costs of the kinematic relations, each of which is
 # (deviation / sd)^2.
-LOG_UNIT_COST = 6.0  # cost of a unit that contradicts the log
-NAME_UNIT_COST = 3.0  # cost of a unit that contradicts the end of the name
+LOG_UNIT_COST = 6.0  # cost of a unit other than the one stated in the log
+NAME_UNIT_COST = 3.0  # cost of a unit other than the one at the end of the signal's name
 # Cost of each unit of UNIT_OPTIONS except the first one, if neither log nor name states a
 # unit. The first unit, that of the library, has no cost.
 OTHER_UNIT_COST = 0.5

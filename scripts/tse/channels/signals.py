@@ -342,7 +342,8 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
 
 
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
-    """Return the key `unit`; raise an error if it does not fit the channel."""
+    """Return the value of the key `unit`; raise an error if it does not fit the
+    channel."""
     unit, usual = table["unit"], _list_units(channel)
     if not isinstance(unit, str) or parse_unit(unit) is None:
         raise refuse(at, "unit", f"{unit!r} is not a known unit; usual units of {channel}: {usual}")
@@ -379,7 +380,7 @@ def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float,
 
 
 def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
-    """Check the key `valid` and return its flag."""
+    """Check the key `valid`, and return the validity flag that it names."""
     if isinstance(value, str):
         return Flag(value)
     if isinstance(value, dict) and set(value) <= {"name", "is"} and isinstance(value.get("name"), str):
@@ -396,7 +397,7 @@ def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
 
 
 def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
-    """Check the key `counter` and return its counter."""
+    """Check the key `counter`, and return the message counter that it names."""
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):
@@ -409,7 +410,8 @@ def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
 
 
 def _check_number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
-    """Return a key as a float; raise an error if it is outside low .. high."""
+    """Return the value of a key as a float; raise an error if it is outside low ..
+    high."""
     allowed = f"allowed: {low:g} .. {high:g}{f' {unit}' if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise refuse(at, key, f"{value!r} is not a number; {allowed}")

@@ -63,10 +63,12 @@ CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determin
 # [1] A channel is low-passed if its rate exceeds this times the rate of the rows, as in
 # raster.resample().
 LOW_PASS_RATIO = 1.2
-# [rows] additional wait for a low-passed channel, whose filter needs more later entries
+# [rows] additional time for which a row waits for a low-passed channel, because the low
+# pass needs entries after the row
 LOW_PASS_ROWS = 2.0
 MAX_STEP_BACK = 0.5  # [s] a larger backward step of time stamps means that the clock was set
-MAX_NEW_ROWS = 1000  # max number of rows returned by one call
+# max number of rows that one call of make_rows() returns; earlier new rows are dropped
+MAX_NEW_ROWS = 1000
 
 
 @dataclass
@@ -397,7 +399,8 @@ class Stream:
         return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _start_rows(self, heard: _Heard) -> bool:
-        """Set rate and start of the rows. Return False if too few frames have arrived."""
+        """Set the rate of the rows and the time of the first row. Return False if too few
+        frames have arrived for this."""
         wanted = [
             c
             for c, s in self._all.signals.items()
@@ -520,7 +523,7 @@ class Stream:
 
 
 def find_mean_rate(s: Series) -> float:
-    """Return the mean rate of new values, Hz."""
+    """Return the mean rate at which a channel gets new values, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
     return (int(find_new_values(s.value).sum()) - 1) / span if span > 0 else 0.0
 

@@ -1,4 +1,5 @@
-"""Find the signals of the velocities of an INS or optical sensor, and their signs."""
+"""Find the signals that contain the velocities measured by an INS or optical sensor, and
+the sign convention of each signal."""
 
 import re
 from collections.abc import Sequence

@@ -176,7 +176,8 @@ NO_WHEEL_WORDS = re.compile(
 
 @functools.lru_cache(maxsize=4096)
 def join_words(name: str) -> str:
-    """Return the words of a name, including its topic and message, joined by blanks."""
+    """Return the words of a signal's name, joined by blanks. The name includes those of
+    its ROS topic or CAN message."""
     return " ".join(split_words(name))
 
 
@@ -200,7 +201,7 @@ def score_name(role: str, name: str) -> float:
 
 @functools.lru_cache(maxsize=65536)
 def is_another_thing(role: str, name: str) -> bool:
-    """Return whether a name describes a quantity other than that of the role."""
+    """Return whether the name of a signal describes a quantity other than the role."""
     if score_name(role, name) >= 1.0:
         return False
     text = join_words(name)

@@ -196,7 +196,7 @@ def find_named_speed(look: Look, slowest: float = 0.0) -> str:
 
 
 def is_sided(wheels: Mapping[str, str]) -> bool:
-    """Return whether the names of the wheel speeds state their places."""
+    """Return whether the names of the wheel speeds state the wheel, e.g. front left."""
     return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
@@ -229,7 +229,7 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
     return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
 
 
-# ---- Find the signals of the motion by name, unit and agreement with each other.
+# ---- Find yaw rate, accelerations and steering angle by name, unit and kinematics.
 
 # A role is a quantity that a signal may measure. The kinematics relate each role to other
 # channels, e.g. accel_x to dv/dt. If a signal has a high correlation with these channels,
@@ -287,7 +287,8 @@ def find_roles(
     # not known yet. The speed is therefore scaled so that its 98 % quantile is 25 m/s.
     usual = None if v is None else v * (25.0 / top if top else 1.0)
     change = None if v is None else physics.differentiate(v)
-    # compute the score by physics only if the sum of both scores can reach MIN_NAME_SCORE
+    # Compute the score by physics only if its max, MAX_PHYSICS_SCORE, plus the score by
+    # name can reach MIN_NAME_SCORE.
     for role in MOTION_ROLES:
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
