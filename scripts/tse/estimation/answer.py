@@ -16,7 +16,7 @@ from tse.estimation.regimes import format_percent
 from tse.estimation.verdict import CONTRADICTED, Finding, Verdict
 from tse.library.core import Config
 
-# stiffness -> name of its line in the answer
+# stiffness -> first cell of its line in the result of make_answer()
 WHERE = {
     "cy_front": "front, in bends",
     "cy_rear": "rear, in bends",
@@ -28,7 +28,7 @@ LITTLE = {
     "cy_rear": "too few bends in this log",
     "cx_front": "too little acceleration in this log",
 }
-# reason why a stiffness is not valid -> explanation in the answer
+# reason why a stiffness is not valid -> explanation in the result of make_answer()
 WHY_NOT = {
     "starting": "too little excitation since the start",
     "sensor fault": "a sensor was at fault",
@@ -40,11 +40,12 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MAX_ANSWER_STRETCHES = 2  # max number of stretches of road in the answer, counted from the end
+# max number of stretches of road that make_answer() describes: the last ones of the drive
+MAX_ANSWER_STRETCHES = 2
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return the lines of the answer.
+    """Return lines that state each stiffness, its 95 % interval and whether it is usable.
 
     A stretch is a part of the drive between two changes of tyres or road. For each of the
     last MAX_ANSWER_STRETCHES stretches, there are three lines, one for each stiffness. If

@@ -51,7 +51,9 @@ MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
 MAX_JOINED_GAP = 0.5
 # A change is reported if a stiffness changes by more than this share of its value
 MIN_CHANGE = 0.05
-MIN_STRETCH = 2.0  # [s] min length of a stretch; a shorter one is joined to a neighbour
+# [s] min length of a stretch, i.e. of the part of a drive between two changes of tyres or
+# road. A shorter stretch is joined to its neighbour.
+MIN_STRETCH = 2.0
 # [1/s] Before the filter detects a change, the estimated stiffness drifts towards its new
 # value. The change begins where this drift begins, but a drift slower than CREEP does not
 # count. The rate is the share of the way to the new value that is covered per second
@@ -91,7 +93,8 @@ class Change:
 
     @property
     def effect(self) -> str:
-        """The ratios of the stiffnesses as a string; empty if no ratio is known."""
+        """The ratio (stiffness after / before the change) of each affected stiffness, as
+        a string; empty if no stiffness is affected."""
         parts = []
         for key, (ratio, sd) in self.ratio.items():
             band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
@@ -107,7 +110,7 @@ class Spell:
     start: float  # [s]
     end: float  # [s]
     probability: float  # max probability in the rows of the interval
-    channel: str = ""  # name of the channel at fault; empty if unknown or sliding
+    channel: str = ""  # name of the channel at fault; empty if unknown, or if the wheels slid
 
     @property
     def name(self) -> str:

@@ -64,7 +64,8 @@ LIMITED = ("uncertain", "parameters uncertain")
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
 # The noise of a channel is reported if its estimate exceeds this factor times its setting
 NOISY = 1.25
-# Reasons of rows in which the filter does not check whether the channels agree
+# Entries of the reason columns of EST.csv in rows in which the filter does not check
+# whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
 # [s] If the channels first contradict each other after more than this driving time, a
 # channel has failed during the drive, and only the implausible rows are not valid. If
@@ -116,7 +117,7 @@ class Verdict:
     reason: str  # the most frequent reason of the rows that are not valid
     reason_share: float  # share of the rows that have this reason
     text: str
-    smoothed: float = float("nan")  # smoothed value of the stretch (smooth.py)
+    smoothed: float = float("nan")  # smoothed stiffness over the stretch or log (smooth.py)
     smoothed_band: float = float("nan")  # half of the 95 % interval of `smoothed`
     # "valid", or the reason why `smoothed` is not valid; empty if there is no smoothed
     # value
@@ -220,7 +221,7 @@ class Finding:
         return "no stiffness is valid" + (f", mostly {' or '.join(reasons)}" if reasons else "")
 
     def lines(self) -> list[str]:
-        """Return the lines for the terminal."""
+        """Return the verdicts as lines for the terminal."""
         found = [*(f"{v.name}: {v.text}" for v in self.verdicts), *(q.line() for q in self.others)]
         if not self.stretch:
             return found
@@ -325,7 +326,8 @@ def list_contradictions(table: pd.DataFrame) -> list[str]:
 
 
 def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
-    """Return the driving time [s] up to each row. `drives` is True for driven rows."""
+    """Return the driving time [s] from the start of the log to each row. `drives` is True
+    for rows that count as driving (comment on MIN_IMPLAUSIBLE)."""
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 

@@ -47,7 +47,9 @@ class CatalogueParameter:
     time constant. It has no influence while the effect is off.
     """
 
-    name: Key  # name of its setting, or the key of a value of a road profile
+    # name of the setting that holds the parameter, or key (class Own) of a value of a
+    # road profile
+    name: Key
     key: str  # name within the effect, without the id of the effect
     strength: bool  # True for a strength, False for a shape
     unit: str
@@ -83,7 +85,8 @@ class CatalogueParameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of the catalogue and its parameters."""
+    """One effect of the catalogue (top of this file), and the parameters of the
+    effect."""
 
     id: str
     title: str

@@ -103,7 +103,8 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
 
 
 def make_candidates(config: Config) -> list[Candidate]:
-    """Return all manoeuvres of the library, each at several speeds and amplitudes."""
+    """Return all manoeuvres from which the next drive is planned, each at several speeds
+    and amplitudes."""
     return list(_generate_candidates(config))
 
 

@@ -144,7 +144,8 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
 
 
 def compute_excess(problem: Problem, residuals: np.ndarray) -> float:
-    """Return the sum of compute_channel_excess() over all channels."""
+    """Return the gap: the sum of squared residuals minus the sum expected from sensor
+    noise, summed over all channels (compute_channel_excess())."""
     return sum(compute_channel_excess(problem, residuals).values())
 
 
@@ -171,7 +172,7 @@ def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ChannelChange:
-    """The residuals of one channel with a first and a second model."""
+    """Comparison of the residuals of one channel between a first and a second model."""
 
     before: float  # ratio of residual rms to sensor noise with the first model
     after: float  # ratio of residual rms to sensor noise with the second model

@@ -28,12 +28,13 @@ ROAD_WAVELENGTH = 400.0  # [m] wavelength of the sinusoidal road profile that re
 
 @dataclass(frozen=True)
 class Detectable:
-    """The smallest size at which one effect is visible."""
+    """The smallest size at which an effect would be visible in the logs, and the typical
+    size of the effect."""
 
     id: str
     parameter: str
     unit: str
-    smallest: float  # inf if the effect is not visible at any size within its limits
+    smallest: float  # inf if no size within the limits of the effect would be visible
     typical: float
     # The effect changes the residuals. Stiffness and the effects in the fit can
     # compensate a part of this change, which is therefore not visible. `absorbed` is the
@@ -42,7 +43,7 @@ class Detectable:
 
     @property
     def visible(self) -> bool:
-        """True if the effect is visible at its typical size."""
+        """True if the effect would be visible in the logs at its typical size."""
         return self.smallest <= self.typical
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from tse.gaps.infer.search import Judged
 
 FOLDS = 5  # number of folds
-FOLD_PIECE_TIME = 10.0  # [s] length of a piece: one or two manoeuvres
+FOLD_PIECE_TIME = 10.0  # [s] length of the pieces into which the logs are cut: one or two manoeuvres
 
 
 def compute_held_out(judged: Judged) -> dict[str, float]:

@@ -46,7 +46,7 @@ from tse.identify.data import COMPARED_CHANNELS
 # operations and numbers in total pays this amount.
 PRICE = 2.0
 FITTED = 6  # max number of candidates, i.e. of formulas that are simulated
-PER_PLACE = 3  # max number of candidates that act at the same place
+PER_PLACE = 3  # max number of candidates that add to the same quantity of the model
 # A formula is not fitted if the gap at the start of its fit is more than MAX_WORSE times
 # the gap without a formula. The gap is the sum of squared residuals minus the sum
 # expected from sensor noise.
@@ -56,7 +56,9 @@ MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
 # logs by more than this share, with the whole 95 % interval of the increase above it
 MIN_HARM = 0.01
 MAX_FORM_EVALUATIONS = 15  # max number of evaluations of the residuals in one fit
-FORMS_AT_A_TIME = 64  # number of forms that are compared at a time, which limits the memory
+# number of forms, i.e. of formulas without coefficient, that are compared at a time. It
+# limits the memory that is needed.
+FORMS_AT_A_TIME = 64
 # [%] The range that a signal had in the logs is stated with a formula. It extends from
 # percentile HALF of the signal to percentile 100 - HALF.
 HALF = 0.5
@@ -73,10 +75,10 @@ class Discovery:
     # The fit with the formula; None without a formula. Residuals are divided by the sd of
     # the sensor noise, not weighted as in Frame.balanced.
     fit: Fit | None
-    nats: float = 0.0  # gain - price
+    nats: float = 0.0  # [nat] gain in ln likelihood by the formula, minus `price`
     share: float = 0.0  # share of the gap without a formula (Frame.full) that the formula closes
-    price: float = 0.0  # [nat] price of the formula, by its length
-    # name of a number of the formula -> lower and upper limit of the fit
+    price: float = 0.0  # [nat] penalty for the length of the formula (compute_price())
+    # name of a number of the formula -> lower and upper limit of the fitted number
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     # channel -> change of the residuals of the held-out logs by the formula
     changes: dict[str, ChannelChange] = field(default_factory=dict)
@@ -95,7 +97,7 @@ class Discovery:
 
 @dataclass
 class Frame:
-    """Data that all candidates have in common."""
+    """Data that the search for a formula needs for every candidate."""
 
     problem: Problem
     # The problem with smaller weights for channels with large residuals, so that no
@@ -103,7 +105,7 @@ class Frame:
     # most the rms 1 in the fit without a formula.
     balanced: Problem
     last: Fit  # the fit without a formula
-    values: dict[str, float]  # the values of `last`
+    values: dict[str, float]  # fitted values of the parameters in `last`
     length: dict[str, float]  # result of compute_correlation_lengths()
     at: list[dict[str, np.ndarray]]  # result of compute_signals()
     # gap without a formula, from compute_excess(). The share of the gap that a formula
@@ -112,7 +114,8 @@ class Frame:
 
     @classmethod
     def of(cls, problem: Problem, last: Fit) -> Frame:
-        """Return the data for the search for a formula. `last` is the fit without it."""
+        """Return the data for the search for a formula. `last` is the fit without a
+        formula."""
         balanced = copy.copy(problem)
         balanced.weight = problem.weight.copy()
         for _, mine in problem.used():
@@ -171,12 +174,12 @@ def discover_formula(
     frame = Frame.of(problem, last)
     places = _list_places(problem)
     forms = sum(len(terms.list_forms(p)) for p in places)
-    say(f"searching for a formula: {forms} forms at {len(places)} places")
+    say(f"searching for a formula: {forms} formulas for {len(places)} quantities of the model")
     listed = sorted((x for p in places for x in screen_forms(frame, p)), key=lambda x: -x[0])
     chosen = _choose_diverse(listed)
     tried: list[Discovery] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
-        say(f"searching for a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
+        say(f"searching for a formula: fit of candidate {k + 1} of {len(chosen)}, {term.text} at {place}")
         tried += _fit_formula(frame, place, term, coefficient)
     tried.sort(key=lambda c: -c.nats)
     return _choose_formula(frame, tried, held)
@@ -219,7 +222,7 @@ def _choose_diverse(
     return found
 
 
-# ---- comparison of forms in the linearised model
+# ---- comparison of forms (formulas without coefficient) in the linearised model
 
 
 def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:

@@ -22,7 +22,7 @@ import numpy as np
 from tse.car.formula import Formula, Number
 from tse.library.core import library
 
-# Places of the model at which a formula can act
+# Places: quantities of the model to which a formula can be added
 LATERAL = ("front_angle", "rear_angle", "force_y", "yaw_moment", "accel_y", "yaw_rate")
 LONGITUDINAL = ("force_x", "accel_x")
 
@@ -221,7 +221,8 @@ def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
 
 
 def make_lateral_forms() -> list[FormulaTerm]:
-    """Return the forms that are tried at the places of LATERAL, such as the yaw moment.
+    """Return the forms, i.e. formulas without coefficient, that are tried at the places
+    of LATERAL, such as the yaw moment.
 
     Most forms have opposite signs in left and right turns. The other forms have the same
     sign in all turns, so they push the car always to the same side. These other forms
@@ -248,7 +249,8 @@ def make_lateral_forms() -> list[FormulaTerm]:
 
 
 def make_longitudinal_forms() -> list[FormulaTerm]:
-    """Return the forms that are tried at the places of LONGITUDINAL."""
+    """Return the forms, i.e. formulas without coefficient, that are tried at the places
+    of LONGITUDINAL, such as the longitudinal force."""
     found = [
         _multiply_terms(FormulaTerm(PULL.text, PULL.unit), m)
         for m in make_modulators()
@@ -294,7 +296,8 @@ KNOWN: dict[str, tuple[str, ...]] = {
 
 
 def list_forms(place: str) -> list[FormulaTerm]:
-    """Return the forms that are tried at a place: all except those of KNOWN."""
+    """Return the forms that are tried at a place of the model: all except those in KNOWN,
+    which describe effects of the catalogue or latencies."""
     return [
         t
         for t in (make_lateral_forms() if place in LATERAL else make_longitudinal_forms())

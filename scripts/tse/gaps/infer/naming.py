@@ -45,7 +45,7 @@ WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
 # lacks these effects, even if a part of the gap remains.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
-MAX_SETS = 8  # max number of sets that are reported with their probability
+MAX_SETS = 8  # max number of sets of effects that are reported, each with its probability
 # Reasons why a possible effect is not named
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes almost nothing", f"below {100 * NAME_AT:.0f} %"
 ZERO = "its 95 % interval includes the case without this effect"
@@ -53,21 +53,24 @@ ZERO = "its 95 % interval includes the case without this effect"
 
 @dataclass
 class Named:
-    """One named effect and the evidence for it."""
+    """One named effect, and the evidence that the vehicle file lacks it."""
 
     effect: Effect
     values: dict[str, float]  # parameter -> fitted value
     ci95: dict[str, tuple[float, float]]  # parameter -> 95 % interval
-    share: float  # share of the whole gap that the effect closes
-    evidence: float  # [nat] log evidence for the set with the effect against the set without it
-    probability: float = 1.0  # probability that the effect is missing
-    look_alikes: list[str] = field(default_factory=list)  # ids of effects
+    share: float  # share of the gap of the car without effects that this effect closes
+    # [nat] ln of the evidence for the set of effects with this effect, minus ln of the
+    # evidence for the set without it
+    evidence: float
+    probability: float = 1.0  # probability that the vehicle file lacks the effect
+    # ids of effects that can replace this effect in other sets (ALIKE_AT)
+    look_alikes: list[str] = field(default_factory=list)
     # The other named effects leave a gap. `alone` is the share of this gap that the
     # effect closes, computed in pieces of the logs that were left out of the fit
     # (folds.py).
     alone: float = 1.0
-    # probability that this effect, or an effect that replaces it in other sets, is
-    # missing
+    # probability that the vehicle file lacks this effect, or an effect that replaces it
+    # in other sets of effects
     whole: float = 1.0
 
     def at(self, values: Mapping[Key, float]) -> Named:
@@ -108,15 +111,16 @@ class Named:
 
 @dataclass
 class Naming:
-    """Result of a search: the named effects, and possible effects that are not named."""
+    """Result of a search for missing effects: the named effects, and possible effects
+    that are not named."""
 
     baseline: Fit  # fit of the car without effects, on level roads
     final: Fit  # fit with the named effects
     named: list[Named]
-    closed: float  # share of the gap that the named effects close together
+    closed: float  # share of the gap that is closed by all named effects together
     # possible effects that are not named: id, probability, and why they are not named
     possible: list[dict]
-    sets: list[dict]  # the most probable sets: ids of the effects, and probability
+    sets: list[dict]  # the most probable sets of effects: ids of the effects, and probability
     converged: bool  # True if the last fit has converged
     # Covariance of ln stiffness between the sets of effects, weighted by their
     # probability, about the stiffness of the named set. It adds to the uncertainty of the

@@ -31,7 +31,7 @@ MEMORY = 0.12
 
 @dataclass(frozen=True)
 class Remainder:
-    """The kind of error that remains in one channel."""
+    """The kind of error that remains in one channel after effects are named."""
 
     channel: str
     gap: float  # ratio of residual rms to sensor noise

@@ -45,7 +45,7 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# Min share of the gap (top of this file) that the named effects must close together. It
+# Min share of the gap (top of this file) that all named effects together must close. It
 # is checked only if a formula is searched for, i.e. if the user asks for one or if
 # residuals above the sensor noise remain with the named effects. If the effects close
 # less, none of them is named.
@@ -143,7 +143,8 @@ def compute_ln_odds(probability: float) -> float:
 
 
 def compute_name_price(effect: str) -> float:
-    """Return the price of a named effect [nat]: SIZE_COST - ln of its prior odds."""
+    """Return the price [nat] of a named effect, i.e. the penalty for its complexity:
+    SIZE_COST - ln of its prior odds."""
     return SIZE_COST - next(
         (h.odds for h in make_hypotheses() if h.id == effect), compute_ln_odds(ROAD_PROBABILITY)
     )

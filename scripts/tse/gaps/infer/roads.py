@@ -38,13 +38,14 @@ MAX_ODDS = 50.0
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """Size of the bank or of the grade of all roads, and the evidence for it."""
+    """Size of the bank or of the grade of all roads, and the evidence that the roads are
+    not level."""
 
     effect: Effect  # bank or grade
     size: float  # [rad] rms of the profile about its mean on each road
     ci95: tuple[float, float]  # 95 % interval of `size`
     nats: float  # [nat] ln of the Bayes factor of the profile against a level road
-    probability: float  # probability that there is a profile
+    probability: float  # probability that the roads have such a profile, i.e. are not level
 
 
 @dataclass

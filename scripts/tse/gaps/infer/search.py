@@ -42,9 +42,11 @@ from tse.identify.data import BLOCK_TIME
 
 MAX_EFFECTS = 12  # max number of effects in a set
 MAX_ROUNDS = 12  # max number of steps of one climb (_climb()), each with the fit of a set
-PASSES = 4  # max number of climbs, each followed by _fit_rivals()
-AT_ONCE = 2  # max number of changes of a set between two fits
-RIVALS = 2  # number of replacements that are fitted for each effect of the best set
+PASSES = 4  # max number of climbs after the first one, each followed by _fit_rivals()
+AT_ONCE = 2  # max number of effects that are added, removed or replaced between two fits
+# max number of sets, for each effect of the best set, that are fitted with a different
+# effect in its place
+RIVALS = 2
 # [nat] A set is not fitted if its approximate evidence is below that of the best set by
 # more than this value.
 FAR = 12.0
@@ -86,7 +88,8 @@ class Judged:
 
 
 def compute_error_duration() -> float:
-    """Return V: the correlation time of a model error, in blocks."""
+    """Return V (top of this file): correlation time of a model error, in blocks of 40
+    ms."""
     return engine.MODEL_TIME / BLOCK_TIME
 
 
@@ -195,7 +198,8 @@ def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
 
 
 class Around:
-    """Approximates the evidence of any set from the partial derivatives of one fit."""
+    """Approximates the evidence of any set of effects from the partial derivatives of one
+    fit."""
 
     def __init__(self, judged: Judged):
         assert judged.space is not None and judged.fit is not None
@@ -224,7 +228,8 @@ class Around:
         return np.array([1.0 / compute_variance(s / n) for s, n in zip(square, self._count, strict=True)])
 
     def judge(self, members: frozenset[str]) -> Judged:
-        """Return the set with these members, with approximate values and evidence."""
+        """Return the set of the effects with the ids `members`, with approximate
+        parameter values and evidence."""
         space = self.space
         effects = tuple(h for h in space.asked if h.id in members)
         mean, sd = space.compute_prior(members)
@@ -366,7 +371,8 @@ class Search:
                 self._get_set(around, best.ids | {o.id})
 
     def _get_set(self, around: Around, ids: frozenset[str]) -> Judged:
-        """Return a set: its fit if it has been fitted, otherwise its approximation."""
+        """Return a set of effects: the fitted set if it has been fitted, otherwise an
+        approximation."""
         if ids in self.known:
             return self.known[ids]
         if ids not in self.near:
