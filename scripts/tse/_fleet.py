@@ -24,7 +24,7 @@ from tse.runs.run import FleetPlan, run_drives
 
 
 class Fleet(Shown):
-    """Result of fleet(): the estimates of all cars, and the folder with the files."""
+    """Result of fleet(): the stiffness estimates of all cars, and the written files."""
 
     def __init__(self, done: Sequence[Done], table: pd.DataFrame, folder: Path):
         self._done, self._table = done, table
@@ -73,8 +73,8 @@ class Fleet(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """A sentence for each car with its latest stiffnesses, in the order of
-        `ranking`."""
+        """A sentence for each car, in the order of `ranking`: number and total duration
+        of the logs of the car, and its latest stiffnesses."""
         return tuple(
             f"{c.name}: {len(c.done)} logs, {c.hours:.1f} h"
             + "".join(
@@ -235,7 +235,7 @@ def fleet(
     words = [os.fspath(logs)] if isinstance(logs, str | os.PathLike) else [os.fspath(p) for p in logs]
     drives = find.find_drives(words, car_file, None if vehicles is None else Path(vehicles), car, folder)
     for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
-        read_vehicle(path)  # raises if the file is wrong, before any log runs
+        read_vehicle(path)  # raises UserError if the file is wrong, before any log is estimated
     store = Store(folder, restart)
     plan = FleetPlan(
         reading if reading is not None else Reading(),

@@ -27,7 +27,8 @@ from tse.roads.road import Road
 
 
 class Gap(Shown):
-    """Result of gap(): the verdict, and the folder with the files."""
+    """Result of gap(): the verdict on which effects the vehicle file lacks, and the
+    written files."""
 
     def __init__(self, result: workflow.GapResult, written: WrittenFiles, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
@@ -79,7 +80,8 @@ class Gap(Shown):
 
     @property
     def gain(self) -> tuple[str, ...]:
-        """Sentences about how much the estimates improve with vehicle_improved.toml."""
+        """A sentence for each stiffness: share of the time in which its estimate is
+        valid, with the user's vehicle file and with vehicle_improved.toml."""
         return tuple(gain_words(self._written.gain))
 
     @property

@@ -118,7 +118,8 @@ class Live:
         self._stopped = True
 
     def close(self) -> None:
-        """Release the bus, and complete the files of the record."""
+        """End the drive: process the last frames, close the bus, and complete the files
+        in which the drive is recorded."""
         self._drive.close()
         if self._page is not None:
             self._page.close()
@@ -134,7 +135,7 @@ class Live:
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
-        """Events of bus, road and sensors so far, as pairs of time [s] and sentence."""
+        """Events of bus, road and sensors so far, as pairs (time [s], sentence)."""
         return tuple(self._drive.said)
 
     @property

@@ -185,7 +185,8 @@ class Replayed(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result of apart() in sentences."""
+        """Sentences about the differences of measured and simulated channels
+        (apart())."""
         return along.describe_misfit(self.apart())
 
     def plot(self) -> Any:

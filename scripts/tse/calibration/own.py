@@ -66,7 +66,7 @@ class OwnCalibration:
     """Result of a calibration on the same logs in which the stiffness is estimated."""
 
     text: str  # content of the calibrated vehicle file; empty if the calibration is not used
-    words: list[str]  # lines for the user
+    words: list[str]  # lines for the user: the calibrated values, or why they are not used
     found: dict[str, Any]  # the result as a dict (_collect_findings())
 
     def apply_to(self, before: Vehicle) -> Vehicle:
@@ -167,7 +167,9 @@ def _make_cache_path(name: str) -> Path | None:
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
     """Return the part of a log, `seconds` long, in which the car turns most."""
-    sample_time = min(log.sample_time or 0.01, 0.01)  # select_liveliest() allows for a longer one
+    # If the sample time is above 0.01 s, select_liveliest() itself reduces the number of
+    # rows in proportion.
+    sample_time = min(log.sample_time or 0.01, 0.01)
     return select_liveliest(log, max(1, round(seconds / sample_time)))
 
 
@@ -204,7 +206,7 @@ def _calibrate_car(
 
     try:
         result = workflow.calibrate_logs(logs, car, report, min_seconds=MIN_OWN_SECONDS - END_SECONDS)
-    except (UserError, ValueError) as error:  # ValueError (LinAlgError): too little information
+    except (UserError, ValueError) as error:  # ValueError (LinAlgError): logs without enough information
         return keep_class(str(error))
     except _TooLong:
         return keep_class(TOO_LONG)

@@ -60,7 +60,7 @@ NOT_ZERO = f", less than {SIGNIFICANT_SD:g} sd from 0, or too small to matter"
 
 @dataclass(frozen=True)
 class NumberFinding:
-    """One number of the car, before and after the calibration."""
+    """One fitted parameter of the car, before and after the calibration."""
 
     name: str
     group: str
@@ -98,10 +98,13 @@ def describe_misstated(found: Sequence[NumberFinding]) -> str:
 
 @dataclass(frozen=True)
 class FindingGroup:
-    """Numbers of the same group, such as all latencies, and the evidence for them."""
+    """Fitted parameters of one group, such as all latencies, and the evidence that they
+    differ from the vehicle file."""
 
     name: str
-    nats: float  # [nat] log evidence for the values found against those of the vehicle file
+    # [nat] ln likelihood of the values found minus ln likelihood of the values in the
+    # vehicle file, approximated (group_findings())
+    nats: float
     members: tuple[NumberFinding, ...]
 
 
@@ -210,8 +213,8 @@ class ProofChannel:
 
     @property
     def explained(self) -> tuple[float, float]:
-        """Share of the signal's mean square that the simulation explains, as (before,
-        after)."""
+        """Share of the signal's mean square that the simulation explains, as a pair: with
+        the car of the vehicle file, and with the calibrated car."""
         return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
 
 

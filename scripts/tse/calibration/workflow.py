@@ -147,7 +147,9 @@ def _make_problem(
         [one for one, _ in usable], config, make_prior(vehicle, config, velocity), jobs, knots
     )
     if not problem.groups:
-        raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
+        raise UserError(
+            f"no log has enough samples of any of {', '.join(MEASURED)} to compare them with a simulation"
+        )
     return problem
 
 

@@ -33,7 +33,8 @@ ONE_SPEED = (
 FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
-# name of a filter -> phrase for messages: the forms that select this filter
+# Name of a filter -> phrase for messages: the values of the option `form` that select
+# this filter
 FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 

@@ -81,7 +81,7 @@ def _get_limit(name: str) -> int:
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a formula. `value` and `sd` are in `unit`. `sd` None: unknown."""
+    """A named number of a formula. `value` and `sd` are in `unit`. `sd` None: unknown."""
 
     name: str
     value: float
@@ -190,7 +190,8 @@ class Formula:
         }
 
     def settings(self) -> dict[str, float]:
-        """Return all settings formula_* by name. Unused slots and codes are 0."""
+        """Return all settings formula_* by name. Those that the formula does not use are
+        0."""
         slots = [self._values[name] for name in self._program.named] + list(self.constants)
         settings = {
             "formula_gain": float(self.gain),
@@ -408,8 +409,8 @@ class _Program:
     """A compiled expression."""
 
     operations: tuple[str, ...]  # in postfix order
-    named: tuple[str, ...]  # names of the numbers, in the order of their slots
-    constants: tuple[float, ...]  # literals; their slots follow those of the numbers
+    named: tuple[str, ...]  # names of the numbers stored in formula_a, formula_b, ...
+    constants: tuple[float, ...]  # literals, stored in the settings formula_... after these
 
 
 # The result is cached: every property of a Formula needs the program, and a search for
@@ -572,7 +573,7 @@ class _Compiler:
         raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
 
     def visit_literal(self, node: ast.Constant) -> Any:
-        """Append a literal, and return its dimension, 1."""
+        """Append a literal to `steps`, and return its dimension, 1."""
         if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
             raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
         try:
@@ -585,7 +586,7 @@ class _Compiler:
         return _parse_dimension("1")
 
     def visit_name(self, node: ast.Name) -> Any:
-        """Append a number or a signal, and return its dimension."""
+        """Append a number or a signal to `steps`, and return its dimension."""
         if node.id in self.units:
             self.emit(node, node.id)
             return self.units[node.id]
@@ -601,8 +602,8 @@ class _Compiler:
         )
 
     def visit_power(self, node: ast.BinOp, level: int) -> Any:
-        """Append a power with an integer exponent as repeated products, and return the
-        dimension of the power."""
+        """Append a power with an integer exponent to `steps`, as repeated products, and
+        return the dimension of the power."""
         times = node.right.value if isinstance(node.right, ast.Constant) else None
         if type(times) is not int or not 1 <= times <= MAX_POWER:
             raise self.make_error(node.right, f"is not an integer exponent; allowed: 1 .. {MAX_POWER}")
@@ -614,7 +615,8 @@ class _Compiler:
         return result
 
     def visit_operation(self, node: ast.expr, op: str, operands: list[ast.expr], level: int) -> Any:
-        """Append operands and operation, check units, return the resulting dimension."""
+        """Append the operands and then the operation to `steps`. Check the units of the
+        operands, and return the dimension of the result."""
         units = [self.visit(operand, level + 1) for operand in operands]
         self.emit(node, op, len(operands))
         rule, first = self.table[op].unit, units[0]
@@ -697,12 +699,12 @@ def _format_unit(dimension: Any) -> str:
 
 
 def _list_letters() -> list[str]:
-    """Return the letters a, b, ... of the settings formula_<letter> that hold numbers."""
+    """Return the letters of the settings formula_a, formula_b, ... for numbers."""
     return [op.name for op in library().formula_ops.values() if op.kind == "NUMBER"]
 
 
 def _list_signals() -> list[str]:
-    """Return the names of the signals."""
+    """Return the names of the signals that an expression may contain."""
     return [op.name for op in library().formula_ops.values() if op.kind == "SIGNAL"]
 
 
@@ -724,7 +726,8 @@ def _describe_allowed() -> str:
 
 
 def _advise_literal(*parts: ast.expr) -> str:
-    """Return advice on a wrong unit if a part contains only literals, otherwise ""."""
+    """Return advice for the message on a wrong unit if one of `parts`, parts of the
+    expression, contains no name; otherwise ""."""
     if all(any(isinstance(node, ast.Name) for node in ast.walk(part)) for part in parts):
         return ""
     return "; a literal has no unit: replace it by a name, with value and unit in [numbers.<name>]"
@@ -811,7 +814,8 @@ def _read_number(name: str, table: Any) -> Number:
 
 
 def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
-    """Return a value of `found` in plain Python types, converted from those of numpy."""
+    """Return a value of Formula.found with NumPy types converted to plain Python
+    types."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, (list, tuple)) and level < 4:

@@ -44,7 +44,8 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
-# 1/friction of the tyres. The setting and the unknown in [calibration] have this name.
+# 1/friction of the tyres: name of the setting, and of the fitted parameter in the table
+# [calibration]
 FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
@@ -61,7 +62,7 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 # the calibration does not include the errors of the model of tyres and steering.
 MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
 MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction, i.e. friction of at most 5
-CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd
+CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd of a calibrated car
 # Settings of the sensor noise and of the bias walks that a calibration computes from the
 # logs and writes to the vehicle file. The filter does not use these values: it estimates
 # the noise of the sensors while driving.
@@ -87,7 +88,8 @@ class Vehicle:
     facts: dict[str, Any]  # keys of the file that are not settings: DESCRIPTIVE, HINT_ONLY
     # messages on the values that were filled in for missing keys
     filled: list[str] = field(default_factory=list)
-    # messages on a calibration with the same log in which the stiffness is estimated
+    # messages on a calibration that used the logs in which the stiffness is then
+    # estimated
     found: list[str] = field(default_factory=list)
     given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
@@ -211,7 +213,7 @@ def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, floa
 
 
 def describe_stiffness(vehicle: Vehicle) -> str:
-    """Return the stiffnesses of a calibrated file with their intervals, as one line."""
+    """Return the stiffnesses of a calibrated car with their intervals, as one line."""
     # longitudinal stiffness is observable at the driven axle only
     rear = vehicle.driven_axle == "rear"
     along = "rear longitudinal" if rear else "front longitudinal"
@@ -647,7 +649,8 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 
 
 def _fill_uncertainty(vehicle: Vehicle) -> None:
-    """Set missing uncertainties to those of an uncalibrated car; append one message."""
+    """Set missing uncertainties to those of an uncalibrated car, and append a message
+    about them to `vehicle.filled`."""
     fields = Config().fields
     missing = {key: sd for key, sd in get_unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
@@ -696,7 +699,8 @@ def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving: np.ndarray) -> None:
-    """If the noise of the wheel speeds is missing, set it to that of the noisier axle."""
+    """If the vehicle file does not state the noise of the wheel speeds, set it to the
+    noise that the log has at the noisier axle."""
     found = {a: estimate_noise(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
@@ -724,7 +728,8 @@ def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
 
 
 def _fill_setting(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:
-    """Set a sensor setting if the file leaves it out. `why`: reason for the value."""
+    """Set a sensor setting that the vehicle file leaves out. `why`: source of the
+    value."""
     if key not in vehicle.values:
         f = config.fields[key]
         vehicle.values[key] = float(np.clip(value, f.low, f.high))
