@@ -84,7 +84,8 @@ typedef struct tse_config {
   tse_setting lean_sd;                          /* [1] 0.1, 0 .. 0.5; sd of bank_superelevation, the share
                                                  * of the lateral acceleration that the bank of a curve
                                                  * provides; the share differs from road to road */
-  tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; relative sd of the scale of yaw_rate */
+  tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; relative sd of the scale factor of
+                                                 * yaw_rate */
   tse_setting trail_sd;                         /* [m] 0.03, 0 .. 0.2; sd of aligning_moment_trail, the
                                                  * distance behind an axle at which its lateral force acts */
   tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of rear_roll_steer_gain, the
@@ -468,9 +469,10 @@ typedef struct tse_config {
                                                  * stiffness_min in equation (25) of the paper is reflected
                                                  * at stiffness_min; 0: the stiffness is used as drawn (the
                                                  * paper); no effect in the default filter */
-  int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: the initial vel_x is the mean of the wheel
-                                                 * speeds; 0: the initial vel_x is the setting
-                                                 * initial_vel_x; no effect in the default filter */
+  int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: the initial vel_x is wheel speed times
+                                                 * wheel radius, mean of both axles, in the first row; 0:
+                                                 * the initial vel_x is the setting initial_vel_x; no
+                                                 * effect in the default filter */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; no
                                                  * effect in the default filter */
   // clang-format on: end of table

@@ -54,7 +54,8 @@ typedef struct tse_replay_start {
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */
   tse_real bias_accel_y;         /* [m/s2] 0; bias of accel_y */
   tse_real bias_yaw_rate;        /* [rad/s] 0; bias of yaw_rate */
-  tse_real vel_x_from_wheels;    /* [1] 1; not 0: the initial vel_x is the mean of the wheel speeds */
+  tse_real vel_x_from_wheels;    /* [1] 1; not 0: the initial vel_x is wheel speed times wheel radius, mean
+                                  * of both axles, in the first row */
   tse_real vel_x;                /* [m/s] 0; initial vel_x if vel_x_from_wheels is 0 */
   tse_real vel_y;                /* [m/s] 0; initial vel_y */
   tse_real yaw_rate;             /* [rad/s] 0; initial yaw rate */

@@ -111,8 +111,11 @@ typedef struct tse_sim_output {
                                  * without noise and bias */
   tse_real wheel_speed_front;   /* [rad/s] rotation rate of the front wheels */
   tse_real wheel_speed_rear;    /* [rad/s] rotation rate of the rear wheels */
-  tse_real stiffness[3];        /* [1] mean stiffness at this row, relative to nominal */
-  tse_real drawn[3];            /* [1] stiffness drawn for this row, relative to nominal */
+  tse_real stiffness[3];        /* [1] true mean stiffness at this row, relative to nominal, in the order
+                                 * cx_front, cy_front, cy_rear: mean of the distribution from which `drawn`
+                                 * is drawn */
+  tse_real drawn[3];            /* [1] true stiffness of this row, relative to nominal, drawn at random
+                                 * about `stiffness` */
   tse_real bias[3];             /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
   // clang-format on: end of table
 } tse_sim_output;

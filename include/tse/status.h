@@ -25,8 +25,11 @@ typedef enum tse_status {
                                  * (other number of particles or number format) */
   TSE_E_STATE = -5,             /* the filter was not reset with these parameters, or is not a filter of
                                  * this library */
-  TSE_E_TIME = -4,              /* the time step is not finite, not positive, or too long */
-  TSE_E_INPUT = -3,             /* an input that drives the model is outside its range */
+  TSE_E_TIME = -4,              /* the time step dt is not finite, not positive, or too long (max 3600 s;
+                                 * replay and simulator: 1 s) */
+  TSE_E_INPUT = -3,             /* an input of the model, such as steering angle or wheel speed, is outside
+                                 * its range, or the row has an optional channel that this filter or build
+                                 * does not use */
   TSE_E_CONFIG = -2,            /* a setting is outside its range */
   TSE_E_NULL = -1,              /* a required argument is NULL */
   TSE_OK = 0,                   /* ok */
@@ -57,7 +60,8 @@ typedef enum tse_reason {
   TSE_VALID = 0,                /* usable */
   TSE_STARTING = 1,             /* too little data since the start */
   TSE_NOT_EXCITED = 2,          /* the recent inputs do not excite this stiffness */
-  TSE_UNCERTAIN = 3,            /* excited, but the sd of the mean is above the limit */
+  TSE_UNCERTAIN = 3,            /* excited, but the sd of the estimate is above the limit (setting
+                                 * valid_sd) */
   TSE_SENSOR_FAULT = 4,         /* a channel is probably at fault */
   TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels:
                                  * the last value is held */

@@ -244,8 +244,11 @@
       "or number format)") \
   ROW(TSE_E_STATE, "TSE_E_STATE", \
       "the filter was not reset with these parameters, or is not a filter of this library") \
-  ROW(TSE_E_TIME, "TSE_E_TIME", "the time step is not finite, not positive, or too long") \
-  ROW(TSE_E_INPUT, "TSE_E_INPUT", "an input that drives the model is outside its range") \
+  ROW(TSE_E_TIME, "TSE_E_TIME", \
+      "the time step dt is not finite, not positive, or too long (max 3600 s; replay and simulator: 1 s)") \
+  ROW(TSE_E_INPUT, "TSE_E_INPUT", \
+      "an input of the model, such as steering angle or wheel speed, is outside its range, or the row has" \
+      " an optional channel that this filter or build does not use") \
   ROW(TSE_E_CONFIG, "TSE_E_CONFIG", "a setting is outside its range") \
   ROW(TSE_E_NULL, "TSE_E_NULL", "a required argument is NULL") \
   ROW(TSE_OK, "TSE_OK", "ok") \
@@ -275,7 +278,8 @@
   ROW(TSE_VALID, "valid", "usable") \
   ROW(TSE_STARTING, "starting", "too little data since the start") \
   ROW(TSE_NOT_EXCITED, "not excited", "the recent inputs do not excite this stiffness") \
-  ROW(TSE_UNCERTAIN, "uncertain", "excited, but the sd of the mean is above the limit") \
+  ROW(TSE_UNCERTAIN, "uncertain", \
+      "excited, but the sd of the estimate is above the limit (setting valid_sd)") \
   ROW(TSE_SENSOR_FAULT, "sensor fault", "a channel is probably at fault") \
   ROW(TSE_HELD, "held", \
       "standstill, low speed, reverse, large steering angle or sliding wheels: the last value is held") \
@@ -297,7 +301,8 @@
   ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \
   ROW(bias_accel_y, 0.0, "m/s2", "bias of accel_y") \
   ROW(bias_yaw_rate, 0.0, "rad/s", "bias of yaw_rate") \
-  ROW(vel_x_from_wheels, 1.0, "1", "not 0: the initial vel_x is the mean of the wheel speeds") \
+  ROW(vel_x_from_wheels, 1.0, "1", \
+      "not 0: the initial vel_x is wheel speed times wheel radius, mean of both axles, in the first row") \
   ROW(vel_x, 0.0, "m/s", "initial vel_x if vel_x_from_wheels is 0") \
   ROW(vel_y, 0.0, "m/s", "initial vel_y") \
   ROW(yaw_rate, 0.0, "rad/s", "initial yaw rate") \

@@ -212,7 +212,7 @@
       "sd of bank_superelevation, the share of the lateral acceleration that the bank of a curve " \
       "provides; the share differs from road to road") \
   REAL("uncertainty.gyro_scale_sd", gyro_scale_sd, 0.01, 0.0, 0.0, 0.2, "1", \
-      "relative sd of the scale of yaw_rate") \
+      "relative sd of the scale factor of yaw_rate") \
   REAL("uncertainty.trail_sd", trail_sd, 0.03, 0.0, 0.0, 0.2, "m", \
       "sd of aligning_moment_trail, the distance behind an axle at which its lateral force acts") \
   REAL("uncertainty.roll_steer_sd", roll_steer_sd, 0.04, 0.0, 0.0, 0.5, "1", \
@@ -457,8 +457,8 @@
       "1: a stiffness that is drawn below stiffness_min in equation (25) of the paper is reflected at " \
       "stiffness_min; 0: the stiffness is used as drawn (the paper); no effect in the default filter") \
   WHOLE("filter.initial_vel_x_from_wheels", initial_vel_x_from_wheels, 1, 1, 0, 1, "", \
-      "1: the initial vel_x is the mean of the wheel speeds; 0: the initial vel_x is the setting " \
-      "initial_vel_x; no effect in the default filter") \
+      "1: the initial vel_x is wheel speed times wheel radius, mean of both axles, in the first row; 0: " \
+      "the initial vel_x is the setting initial_vel_x; no effect in the default filter") \
   WHOLE("filter.seed", seed, 1, 1, 0, 2147483647, "", \
       "seed of the random numbers; no effect in the default filter")
 #define SETTINGS_SIM(REAL, WHOLE) \
