@@ -55,7 +55,7 @@ SPEED_UNITS = {  # unit in a title of section [header] -> unit in a Recording
 }
 MINUTES_PER_DEGREE = 60.0
 SATELLITES_MASK = 0x3F  # bits with the number of satellites; higher bits are flags (brake, DGPS)
-MIN_SATELLITES = 4  # least number of satellites from which a receiver computes a position
+MIN_SATELLITES = 4  # min number of satellites that a receiver needs to compute a position
 # columns whose values are invalid in rows with fewer than MIN_SATELLITES satellites
 NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")
 
@@ -148,7 +148,8 @@ def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
 
 
 def _shorten_title(title: str) -> str:
-    """Return the name in a title of [header]: "velocity kmh" gives velocity."""
+    """Return the name of a column from its title in section [header]: without the unit
+    ("velocity kmh" gives velocity), and with a synonym replaced (SYNONYMS)."""
     plain = re.sub(rf"\s+({'|'.join(map(re.escape, SPEED_UNITS))})$", "", title, flags=re.IGNORECASE)
     name = re.sub(r"\s+", "_", plain)
     return SYNONYMS.get(name.lower(), name)

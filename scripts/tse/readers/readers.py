@@ -98,7 +98,8 @@ def choose_reader(path: Path) -> str:
             f"{path}: does not begin like a {suffix} file: it is cut off, or has a different format; "
             f"readable: {FORMATS}"
         )
-    if found == "can" and suffix in (".log", ".can") and text:  # other text files have these suffixes, too
+    # bus logs have these suffixes, but detect_bus_text() found none: another text file
+    if found == "can" and suffix in (".log", ".can") and text:
         return "text"
     if found in ("can", "openpilot", "vbo"):
         return found

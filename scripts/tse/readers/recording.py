@@ -41,7 +41,8 @@ MAX_LISTED_NAMES = 6  # largest number of names that one message lists
 CHUNK_ROWS = 1 << 16  # number of frames or rows of text that are decoded at a time
 RECEIVER_TEXT = "receiver of GNSS"  # Channel.text of a channel that a GNSS receiver measures
 
-_ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")  # the point of an abbreviation, as in Lat._Vel
+# the point of an abbreviation, as in Lat._Vel, which does not separate two names
+_ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")
 
 
 def last_part(name: str) -> str:
@@ -66,7 +67,7 @@ class Channel:
 
     @property
     def short(self) -> str:
-        """The name without message, group or topic."""
+        """Last part of the name, without the message, group or topic before it."""
         return last_part(self.name)
 
     def __len__(self) -> int:
@@ -107,7 +108,7 @@ class Recording:
         )
 
     def has(self, name: str) -> bool:
-        """Return whether find() would find the name."""
+        """Return whether find() finds exactly one channel by this name."""
         return (
             name in self.channels
             or sum(c.short == name or c.name.endswith((f".{name}", f"/{name}")) for c in self) == 1
@@ -141,7 +142,7 @@ class Recording:
 
 
 class Growing:
-    """A column of floats to which values are appended until it becomes an array."""
+    """A column of floats that grows: values are appended, then array() returns them."""
 
     def __init__(self) -> None:
         self._values = array("d")
@@ -214,8 +215,8 @@ def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -
         )
 
 
-MAX_COLUMNS = 20_000  # columns of a table; the widest public log has 3 000
-MAX_NAME_LENGTH = 1000  # characters of the name of a column
+MAX_COLUMNS = 20_000  # max number of columns of a table; the widest public log has 3 000
+MAX_NAME_LENGTH = 1000  # max number of characters of the name of a column
 
 
 def check_table_width(path: Path, names: Collection[str]) -> None:
@@ -348,7 +349,7 @@ def _make_time_error(path: Path, limit: float) -> UserError:
     )
 
 
-_THREAD = threading.local()  # .watched: True while _watch_thread() limits the time of this thread
+_THREAD = threading.local()  # .watched: True while _watch_thread() limits this thread
 
 
 def _measure_work(ident: int) -> float:
@@ -363,7 +364,8 @@ def _measure_work(ident: int) -> float:
 
 @contextmanager
 def _watch_thread(path: Path, limit: float) -> Iterator[None]:
-    """Limit the time [s] of the current thread by a second thread that interrupts it."""
+    """Limit the processor time of the current thread to `limit` [s]. A second thread
+    measures this time, and interrupts the current thread when the limit is exceeded."""
     ident, ended = threading.get_ident(), threading.Event()
     begin, interrupt = _measure_work(ident), ctypes.pythonapi.PyThreadState_SetAsyncExc
 
@@ -506,7 +508,7 @@ def list_names(names: Iterable[str]) -> str:
     return ", ".join(names[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-# ---- Optional packages. If one is missing, the message has the command that installs it
+# ---- Optional packages. If one is missing, the error message states how to install it
 
 
 def import_optional(module: str, extra: str, what: str) -> ModuleType:
@@ -596,7 +598,7 @@ def read_stamp(message: Any) -> float | None:
 
 @dataclass
 class _Topic:
-    """Columns of the messages of one topic."""
+    """The messages of one topic: their times, and a column of values for each field."""
 
     type: str
     time: Growing

@@ -1,4 +1,4 @@
-"""Convert tables to recordings: find the time column, its unit, and units in names."""
+"""Convert tables to recordings: find the time column, and the units of the columns."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -26,7 +26,9 @@ TIME_WORDS = (
     "time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime",
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
-MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
+# Max share of the filled cells of a column that are neither a number nor one of
+# MISSING_WORDS. A column with a larger share is not used
+MAX_WRONG = 0.05
 # If the unit of a time column is unknown, it is guessed from the median step between
 # rows, a number without unit. Each entry is: limit, unit, length of the unit [s]. The
 # first entry whose limit is at least the median step gives the unit. The usual step of a
@@ -161,7 +163,8 @@ def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, 
     return found.to_numpy(dtype=float, na_value=np.nan), note
 
 
-# contents of a cell, in lower case, that mean a missing value and give no note
+# Contents of a cell, in lower case, that mean a missing value. The cell becomes NaN, and
+# the user gets no note about it
 MISSING_WORDS = {
     "nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan",
     "-1.#ind", "inval", "invalid", "sna", "init", "missing", "nil", ".",
@@ -169,12 +172,14 @@ MISSING_WORDS = {
 
 
 def can_be_time(place: int, name: str, unit: str) -> bool:
-    """Return whether a column may be the time: by name, by unit, or as the first one."""
+    """Return whether a column may be the time, because of its name or unit, or because it
+    is the first column of the table (`place` = 0)."""
     return place == 0 or any(w in TIME_WORDS for w in split_words(name)) or unit_kind(unit) == "time"
 
 
 def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -> int | None:
-    """Return the index of the time column; None if there is none and a step is given."""
+    """Return the index of the time column. Return None if the table has no time column,
+    but the option how.step gives the time between rows. Raise UserError otherwise."""
     names = [c.name for c in columns]
     if how.time is not None:
         if how.time not in names:
@@ -446,7 +451,8 @@ _TIME_SUFFIXES = {  # last word of a name -> unit
 
 
 def _find_time_unit(name: str) -> str:
-    """Return the unit of time in the last word of a name; "" without one."""
+    """Return the unit of time in the last word of a name: time_ms gives ms. Return "" if
+    the last word is no unit of time."""
     return _TIME_SUFFIXES.get((split_words(name) or [""])[-1], "")
 
 

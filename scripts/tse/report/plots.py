@@ -22,7 +22,9 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-THIN_ROWS = 1 << 18  # number of rows that are thinned in one call; a multiple of every stride
+# number of rows of a column of the log that are passed to thin_rows() in one call; a
+# multiple of every stride of find_block_stride()
+THIN_ROWS = 1 << 18
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
 # Limit of the ratio: estimated noise sd of a channel / noise sd in the settings. The
 # ratios are drawn only if that of at least one channel exceeds this limit. The limit is
@@ -174,7 +176,8 @@ def pick_rows(rows: int, stride: int) -> np.ndarray:
 
 
 def find_stride(rows: int, points: int) -> int:
-    """Return the `stride` for which thin_rows() returns about `points` values."""
+    """Return the `stride` with which thin_rows() thins a line of `rows` values to about
+    `points` values."""
     return 1 if rows <= points else -(-2 * rows // points)
 
 
@@ -232,7 +235,8 @@ class Data:
         self._hover: dict[str, list[str]] = {key: [] for key in STIFFNESS}
 
     def add(self, block: Block | pd.DataFrame) -> None:
-        """Add a block of rows with the columns of EST.csv."""
+        """Thin a block of estimates, i.e. of rows with the columns of EST.csv, and append
+        it to the lines."""
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = pick_rows(count, self.stride)
@@ -269,7 +273,8 @@ class Data:
         return time - age if np.any(age > 0) else time
 
     def line(self, name: str) -> np.ndarray:
-        """Return the values of a line of compute_drawn_lines()."""
+        """Return the thinned values of a line. `name`: a name that compute_drawn_lines()
+        returns, or the probability of a regime (REGIMES)."""
         return np.concatenate(self._lines[name])
 
     def __contains__(self, name: str) -> bool:
@@ -308,9 +313,9 @@ WITH_BAND = (
     "bias_accel_y",
     "bias_yaw_rate",
 )
-# Columns that are drawn if the table has them
+# Columns that not every EST.csv has. If present, they are drawn without an interval
 OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")
-# Columns that are drawn without an interval
+# Columns of every EST.csv that are drawn without an interval
 PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", "noise") for c in MEASURES))
 
 

@@ -105,7 +105,8 @@ def make_rows(
 
 
 def _convert_verdict(v: Verdict) -> dict[str, Any]:
-    """Return a verdict as columns of the table, with stiffness in N and N/rad."""
+    """Return the verdict on one stiffness as entries of a row of the table of results
+    (ESTIMATE_COLUMNS), with the stiffness in N or N/rad."""
     return {
         "stiffness": v.key,
         "value": KILO * v.value,

@@ -61,7 +61,7 @@ def log_columns_table() -> str:
 
 def list_estimate_columns() -> list[list[str]]:
     """Return name, unit and meaning of each column of EST.csv except `time`."""
-    rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
+    rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or why it is not valid"] for s in (*STIFFNESS, GRIP)}
     for f in list_est_fields():
         rows[f.name] = [f.name, _find_unit(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
     return [rows[name] for name in list_est_columns() if name != "time"]
@@ -173,7 +173,8 @@ _EFFECTS = (
 
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
-    """Return a line of a vehicle file with unit, range and meaning."""
+    """Return the line of a vehicle file that sets a key to `value`, with unit, range and
+    meaning as a comment. `key`: the key, if it is not the name of the setting `f`."""
     # If 0 is outside the range, remove the part of the text about the meaning of 0: a
     # vehicle file must then leave the key out, and not set it to 0.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text

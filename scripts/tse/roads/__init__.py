@@ -1,1 +1,1 @@
-"""Profiles of roads, and matching of logs with roads."""
+"""Bank and grade along roads, and matching of the rows of a log with places on a road."""

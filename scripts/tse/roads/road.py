@@ -131,12 +131,14 @@ class Road:
 
     @property
     def length(self) -> float:
-        """Distance from the first to the last place, m; one round of a circuit."""
+        """Length of the road [m], from its first to its last place. In a circuit, this is
+        the length of one round."""
         return float(self.distance[-1] - self.distance[0])
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Latitude and longitude of the first place, deg: origin of local coordinates."""
+        """Latitude and longitude [deg] of the first place of the road. If x and y are
+        computed from latitude and longitude, this is their origin."""
         return float(self.latitude[0]), float(self.longitude[0])
 
     def interpolate(self, name: str, distance: Array) -> Array:
@@ -205,7 +207,8 @@ def make_road(
     distance: Array, *, x: Array | None = None, y: Array | None = None, latitude: Array | None = None,
     longitude: Array | None = None, curvature: Array | None = None, is_closed: bool = False,
 ) -> Road:  # fmt: skip
-    """Return a road with this path and an unknown profile; parameters as in Road."""
+    """Return a road with this path, whose bank and grade are unknown. The parameters are
+    those of Road."""
     unknown = np.full(len(distance), np.nan)
     return Road(distance, unknown, unknown, unknown, unknown, x, y, latitude, longitude, curvature, is_closed)
 
@@ -289,7 +292,8 @@ def read_road(path: Path) -> Road:
 
 
 def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
-    """Return a column as numbers, NaN for empty cells. UserError: a cell is no number."""
+    """Return a column as numbers, with NaN for empty cells. Raise UserError if a
+    cell that is not empty is no number."""
     values = np.full(len(line), np.nan)
     for i, cell in enumerate(cells):
         text = cell.strip()

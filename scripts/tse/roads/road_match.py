@@ -79,8 +79,12 @@ TURN_OFF_COST = 30.0
 # road without interruption. Turning is the integral of |curvature| of the road over the
 # stretch.
 
-MIN_ALIKE = 0.85  # [1] min correlation of the curvatures of road and log in a stretch
-MIN_TURN = 1.0  # [rad] min turning in a stretch, and hence of the whole road
+# [1] min correlation of the curvatures of road and log in a stretch. A stretch with a
+# lower correlation counts as off the road
+MIN_ALIKE = 0.85
+# [rad] min turning in a stretch. A stretch that turns less counts as off the road. A road
+# that turns less in total is refused, because none of its stretches can turn enough
+MIN_TURN = 1.0
 # [rad] turning in a stretch above which its match is not taken as chance. A stretch that
 # turns less may match by chance: a stretch with 3.6 rad of a winding road was found to
 # match the same road reversed or mirrored.
@@ -213,7 +217,8 @@ def derive_track(log: CheckedLog, config: Config | None = None) -> Track:
 
 
 def _fill_gaps(x: Array) -> Array:
-    """Interpolate the missing values of a channel; without any value, return 0."""
+    """Interpolate the missing values of a channel. If the channel has no value at all,
+    return zeros."""
     known = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
@@ -398,7 +403,8 @@ def _smooth_values(values: Array, sd: float) -> Array:
 
 
 def _compute_track_curvature(track: Track, way: Array) -> Array:
-    """Return the smoothed curvature of a log at travelled distances `way`, 1/m."""
+    """Return the curvature [1/m] of the path of a log, smoothed over SMOOTH_DISTANCE, at
+    the travelled distances `way` [m]."""
     rolls = np.diff(track.travelled, prepend=-1.0) > 0
     fine = np.arange(0.0, track.travelled[-1], PLACE_STEP)
     heading = np.interp(fine, track.travelled[rolls], track.heading[rolls])
@@ -595,7 +601,10 @@ def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
 
 
 def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return the stretches of the log on the road, as indices (first, last + 1)."""
+    """Return the parts of a log in which the car is on the road without interruption.
+
+    `place`: place on the road in each step of the log; -1: off the road. Each part is
+    returned as (index of its first step, index of its last step + 1)."""
     edges = np.flatnonzero(np.diff((place >= 0).astype(int), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -610,7 +619,9 @@ def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
 
 
 def _smooth_curvature(road: Road, places: Array, step: float) -> Array:
-    """Return the curvature of a road at places, smoothed over SMOOTH_DISTANCE, 1/m."""
+    """Return the curvature [1/m] of a road, smoothed over SMOOTH_DISTANCE.
+
+    `places`: [m] distances along the road at which it is returned, `step` [m] apart."""
     mode = "wrap" if road.is_closed else "nearest"
     return gaussian_filter1d(road.interpolate("curvature", places), SMOOTH_DISTANCE / step, mode=mode)
 
@@ -644,7 +655,8 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     # elsewhere. came[i, n] is the code of the state before step i, if the state after
     # step i is "elsewhere". 0: elsewhere; 1: the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
-    left = np.zeros(steps, np.int64)  # place from which the log would leave the road
+    # left[i] is the place from which the car leaves the road, if it leaves it in step i
+    left = np.zeros(steps, np.int64)
     cost = np.full(n + 1, TURN_OFF_COST)
     cost[n] = 0.0
     options = np.empty((4, n))
