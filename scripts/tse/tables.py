@@ -99,7 +99,8 @@ class ManeuverRow:
 
 @dataclass(frozen=True)
 class Term:
-    """A term of a formula: a place of the model, a number, a signal or a function."""
+    """A term of a formula: a number, a signal, a function, or the place in the model to
+    which the formula is added."""
 
     name: str
     kind: str

@@ -93,7 +93,8 @@ def _format_short(x: float) -> str:
 
 
 class FormulaCommand(click.Command):
-    """A command whose help lists the places, signals and functions of a formula."""
+    """A command whose help lists the signals and functions that a formula can be made of,
+    and the places in the model to which it can be added."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from tse import tables

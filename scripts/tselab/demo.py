@@ -201,7 +201,7 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
     )
 
 
-# ---- Write the same drive as an MF4 of a data logger, propose its signals, estimate
+# ---- The same drive as an MF4 of a data logger: find the signals, estimate
 
 
 RATIO = 15.3  # steering ratio
@@ -217,8 +217,8 @@ GROUPS = {
 
 
 def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
-    """Write the drive as an MF4, propose signals, estimate, and print the differences to
-    the estimates from the CSV log.
+    """Write the drive as an MF4, find the signal of each channel of the log in it, and
+    estimate. Print the differences to the estimates from the CSV log.
 
     Parameters
     ----------

@@ -308,7 +308,7 @@ class _Lines:
             click.echo(text, err=not self._terminal)
 
     def show(self, lines: Sequence[str]) -> None:
-        """Replace the lines at the bottom of the terminal."""
+        """Print `lines` at the bottom of the terminal, in place of those before."""
         if not self._terminal or not lines:
             return
         with self._lock:

@@ -50,7 +50,7 @@ FLEET_COLUMNS: dict[str, str] = {
 
 @dataclass
 class Done:
-    """A log that is done, and its outcome."""
+    """A log that has been estimated, or that cannot be estimated, and its outcome."""
 
     drive: Drive
     outcome: Outcome
@@ -102,7 +102,7 @@ class Store:
         """Return the stored outcome of a log, or None if the log has to run. The log has
         to run if no outcome for the same files and settings is stored, if a different
         user wrote the stored outcome, or if one of the result files is missing."""
-        with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log runs
+        with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log is estimated
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
                 kept is None

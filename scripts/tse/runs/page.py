@@ -31,9 +31,11 @@ class Last:
     """The latest usable estimate of a stiffness of a car."""
 
     value: float  # [N/rad] or, for the longitudinal stiffness, [N]
-    band: float  # half the width of the 95 % interval
+    band: float  # half the width of the 95 % interval, in the unit of `value`
     of_nominal: float  # ratio of value to the nominal stiffness of the vehicle file
-    when: pd.Timestamp  # end of the stretch of road
+    # end of the part of the drive to which the estimate applies, i.e. time of the next
+    # detected change of the stiffness or end of the drive
+    when: pd.Timestamp
 
     @property
     def shown(self) -> str:
@@ -47,6 +49,7 @@ class Car:
 
     name: str
     done: list[Done]
+    # A stiffness is known if at least one drive gives a usable estimate of it
     last: dict[str, Last]  # key: a known stiffness; value: its latest estimate
     why: dict[str, str]  # key: an unknown stiffness; value: why it is unknown
 
@@ -179,8 +182,11 @@ def draw_distribution(all_cars: Sequence[Car]) -> Figure:
 
 
 def draw_trend(car: Car, table: pd.DataFrame) -> Figure:
-    """Return a figure of the stiffnesses of a car over time, a point
-    for each stretch of road."""
+    """Return a figure of the usable stiffnesses of a car over time. Each point is the
+    estimate for one stretch of road, i.e. for the part of a drive from one detected
+    change of the stiffness to the next.
+
+    `table`: rows of all cars, with the columns FLEET_COLUMNS."""
     figure = Figure(PANELS, [220, 160])
     mine = table[
         (table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()

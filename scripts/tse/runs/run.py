@@ -41,7 +41,7 @@ class FleetPlan:
     form: str = "default"
     settings: dict[str, float] = field(default_factory=dict)
     learn: bool = True  # whether each drive starts from the learnt state of the previous one
-    reports: bool = True  # whether a page is written for each log
+    reports: bool = True  # whether a report (HTML page) is written for each log
     estimates: bool = False  # whether the estimates of every row are written for each log
     calibrate: bool = True  # whether an uncalibrated car is calibrated on its first logs
 

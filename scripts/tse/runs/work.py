@@ -43,11 +43,11 @@ class Task:
     settings: Mapping[str, float]
     learnt: bytes | None  # learnt state after the previous drive of the car
     age: float  # [s] time from the end of the previous drive to the start of this one
-    report: bool  # whether a page is written
+    report: bool  # whether a report (HTML page) is written
     estimates: Path | None  # file for the estimates of every row; None: they are not written
     calibrate: bool  # whether an uncalibrated car is calibrated on this log and on `others`
     others: tuple[tuple[Path, Path | None], ...]  # further logs of the car, and their signals
-    code: tuple[str, str]  # read_code_version() of the sender
+    code: tuple[str, str]  # read_code_version() in the process that sends the task to the worker
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Outcome:
     # results.ESTIMATE_COLUMNS
     rows: list[dict[str, Any]] = field(default_factory=list)
     learnt: bytes | None = None  # learnt state after this drive
-    report: bytes | None = None  # content of the page
+    report: bytes | None = None  # content of the report (HTML page); None: none was written
     seconds: float = 0.0  # [s] duration of the log
     code: int = 4  # exit code, from results.choose_exit_code(): whether the log is usable
     notes: list[str] = field(default_factory=list)

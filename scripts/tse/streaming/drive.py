@@ -72,7 +72,9 @@ MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100
 # and between two searches. MAX_LISTENED: [s] max time between the first and the last of
 # the frames that are kept for the searches
 LISTENED, MAX_LISTENED = 20.0, 600.0
-MAX_PIECE_TIME = 0.2  # [s] max time from first to last frame of a piece (_cut_pieces())
+# [s] max time from the first to the last of the frames that are processed together.
+# Frames from a longer time are split into several pieces by _cut_pieces()
+MAX_PIECE_TIME = 0.2
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
 # The filter finds changes of the stiffness, faults of sensors, and sliding.
 # EVENT_SEARCH_TIME: [s] the rows of this last part of the drive are searched for these
@@ -351,7 +353,7 @@ class LiveDrive:
         if learnt is not None:
             learnt.load(NativeFilter(config))  # raises if the state is wrong, before the drive begins
         self.filter: NativeFilter | None = None
-        self._valid = dict.fromkeys(STIFFNESS, 0)  # number of valid rows of each stiffness
+        self._valid = dict.fromkeys(STIFFNESS, 0)  # number of rows in which each stiffness was valid
         self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
         try:
             self.record = Record(folder, self.say)
@@ -411,7 +413,7 @@ class LiveDrive:
         if self._learnt is not None:
             self.record.write("before.tse", self._learnt.data)
 
-    # ---- sentences
+    # ---- sentences that report events to the user
 
     def say(self, text: str) -> None:
         """Report an event as a sentence, and record it."""
@@ -428,7 +430,7 @@ class LiveDrive:
             self._said_once.add(plain)
             self.say(text)
 
-    # ---- the loop
+    # ---- main loop: the caller repeats work() until the drive ends
 
     def work(self, timeout: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
         """Process the received frames; if there are none, wait for up to `timeout` s.
@@ -571,7 +573,7 @@ class LiveDrive:
             self.say(text)
         self.stream.notes.clear()
 
-    # ---- rows
+    # ---- rows of the filter, made from the frames
 
     def _step(self, came: Sequence[Arrived], now: float) -> tuple[np.ndarray, np.ndarray]:
         """Make the rows that are complete after the frames `came`, and run the filter on
@@ -670,7 +672,7 @@ class LiveDrive:
                     f"{c}: values arrive again, after {bus_now - self._silent.pop(c):.1f} s without a value"
                 )
 
-    # ---- written rows
+    # ---- rows and estimates written to files
 
     def _write(self) -> None:
         """Write the pending rows and their estimates. Keep a summary of the estimates."""
@@ -774,7 +776,7 @@ class LiveDrive:
                 f"{str(error)[:100]})"
             )
 
-    # ---- the answer
+    # ---- results and end of the drive
 
     def result(self) -> tuple[Estimates, list[Finding], list[Change], list[str]]:
         """Return the results of the drive so far, as `tselab estimate` would find them in

@@ -72,8 +72,8 @@ class CaseDrive:
     time: np.ndarray  # [s]
     rows: np.ndarray  # the log, as inputs of the library
     truth: np.ndarray  # outputs of the simulator
-    road: np.ndarray  # factor of the road on every stiffness, for each row
-    corrupted: np.ndarray  # (rows,) result of Case.corrupt; False if the log is not falsified
+    road: np.ndarray  # (rows,) factor by which the road surface multiplies every stiffness
+    corrupted: np.ndarray  # (rows,) True: a fault has made the row unusable (Case.corrupt)
     about: dict[str, float]  # settings of the case; they override settings of the user
     config: Config  # settings of the estimator "tse"
     car: Config  # true parameters of the car
@@ -83,7 +83,7 @@ class CaseDrive:
 
     @property
     def stiffness(self) -> np.ndarray:
-        """(n, 3) true mean stiffness, relative to nominal."""
+        """(rows, 3) true mean of each stiffness, relative to nominal."""
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
 
 

@@ -79,7 +79,7 @@ class Unit(NamedTuple):
         return _hash(json.dumps([*self, hash_code()], sort_keys=True))
 
 
-# ---- one unit
+# ---- run one unit: all estimators of a case, on the drive with one seed
 
 
 @functools.cache
@@ -122,11 +122,12 @@ def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDr
 
 
 def configure_unit(name: str, unit: Unit | StudyPlan, about: Mapping[str, float]) -> Config:
-    """Return the settings of an estimator in a unit. `about`: settings of the case."""
+    """Return the settings with which an estimator runs in a unit, from the settings of
+    the user in `unit` and the settings of the case, `about`."""
     return estimators.configure_estimator(name, unit.form, unit.settings, about)
 
 
-# ---- all units
+# ---- run all units of a study, in several processes
 
 
 def run_study(

@@ -47,12 +47,13 @@ PEER_DTYPE = np.dtype(
 
 @dataclass(frozen=True)
 class Known:
-    """Arguments of a filter: true values of the simulation, and the forgetting factor."""
+    """Arguments of an extended Kalman filter of this file: true values of the simulation,
+    and the forgetting factor."""
 
     spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
-    # forgetting factor of the mean stiffness per setting sample_time; the filter "known"
-    # has no forgetting, and does not use it
+    # forgetting factor of the mean stiffness for a time step of the length sample_time, a
+    # setting. The filter "known" has no forgetting, and does not use this value
     forgetting: float = 0.99
     # steering angle between two rows. True: constant; False: it changes linearly
     held: bool = False

@@ -196,9 +196,11 @@ def _make_waves(
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
 
 
+# Constants of drive_ordinary(), whose drive is a random sequence of parts
+
 PART = (20.0, 60.0)  # [s] range of the duration of a part of the drive
-SPEEDS = (8.0, 35.0)  # [m/s] range of the speeds
-SPEED_CHANGE = 1.5  # [m/s2] acceleration between two speeds
+SPEEDS = (8.0, 35.0)  # [m/s] range of the random speeds of the parts
+SPEED_CHANGE = 1.5  # [m/s2] acceleration or deceleration from the speed of a part to that of the next
 LATERAL_PEAK_RANGE = (0.5, 2.5)  # [m/s2] range of the max lateral acceleration of a part
 SQUARE_WAVE_ACCEL = 1.0  # [m/s2] longitudinal acceleration in a part with square waves
 

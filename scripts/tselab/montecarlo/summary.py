@@ -78,7 +78,8 @@ def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
 
 
 def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """Return the exact confidence interval of a share, estimated as k / n."""
+    """Return the exact confidence interval of the probability of an event that happened
+    in k of n runs."""
     interval = stats.binomtest(k, n).proportion_ci(CONFIDENCE, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -181,7 +182,9 @@ def format_number(value: float | None, digits: int = 2, sign: str = "") -> str:
 
 
 def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
-    """Format a value of all three stiffnesses for one cell."""
+    """Return the text of one cell of a table: a score of each of the three stiffnesses.
+
+    `line`: scores of a case and estimator. `what`: the score, e.g. "rms"."""
     return ", ".join(format_number(line.get(f"{k}_{what}", np.nan), digits, sign) for k in STIFFNESS)
 
 
@@ -202,7 +205,8 @@ def format_settling(line: pd.Series, event: int) -> list[str]:
 
 
 def format_divergence(line: pd.Series) -> str:
-    """Format the number of runs that diverged, and the interval of their share."""
+    """Return as text the number of runs that diverged, and the confidence interval of the
+    share of such runs."""
     if np.isnan(line.get("diverged", np.nan)):
         return "-"
     return f"{line['diverged']:.0f} ({line['diverged_low']:.1f} .. {line['diverged_high']:.1f} %)"
