@@ -23,7 +23,7 @@ tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 
 static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
-#if !defined(TSE_NO_PARTICLES) /* in a build without particles tse_prepare() accepts form 0 only */
+#if !defined(TSE_NO_PARTICLES) /* otherwise tse_prepare() accepts only form 0, the Kalman filter */
   if (p->form != 0) return step_particles(p, f, u, out);
 #endif
   return step_row(p, f, u, out);

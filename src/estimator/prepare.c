@@ -71,7 +71,8 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
   const uint64_t on = find_active_effects(c)
-      /* has no influence here: the default filter always has exact kinematics */
+      /* exact_kinematics is left out: it has no influence on the default filter, whose
+       * kinematics are always exact */
       & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics);
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
@@ -94,7 +95,8 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 
 static tse_setting compute_square(tse_setting x) { return r_mul(x, x); }
 
-/* Apply the active effects of hook CONSTANT to the settings of the car. */
+/* Apply the active effects that only change settings of the car, before the filter starts
+ * (hook CONSTANT in src/tables/effects.toml). */
 static void apply_constant_effects(uint64_t mask, tse_config *car)
 {
 #define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);

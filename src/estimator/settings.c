@@ -75,7 +75,7 @@ void tse_config_paper(tse_config *c)
   c->initial_spread = TSE_S(0.3);
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* max of the setting: in effect no limit on w */
+  c->stiffness_max = TSE_S(20); /* largest allowed value: in effect no limit */
 }
 
 void tse_config_robust(tse_config *c)

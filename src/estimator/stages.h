@@ -13,9 +13,9 @@
 typedef struct sample {
   inputs u;           /* steering angle and wheel speeds, or their last values */
   tse_real dt;        /* [s] time since the previous row */
-  tse_real y[3];      /* [sigma] accel_x, accel_y, yaw rate, divided by their sds; 0 if unused */
+  tse_real y[3];      /* [sigma] accel_x, accel_y, yaw rate, divided by their noise sds; 0 if unused */
   tse_real use[3];    /* 1: used; 0: missing */
-  tse_real lost[3];   /* [1] share of the noise variance lost by interpolation (align.c) */
+  tse_real lost[3];   /* [1] share by which interpolation (align.c) reduces the noise variance */
   int32_t used;       /* number of measurements used: 0 .. 3 */
   int32_t has_inputs; /* 1: the row gives steering angle and both wheel speeds */
   int32_t has_steer;  /* 1: the row gives the steering angle */

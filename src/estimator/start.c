@@ -26,7 +26,7 @@ void report_start(const tse_params *p, const tse_filter *f, tse_output *now)
   for (int a = 0; a < 3; a++) {
     const tse_real sigma = r_mul(s.lam[diagonal[a]], r_div(s.nu, s.nu - TSE_R(4)));
     now->stiffness[a] = now->stiffness_secant[a] = TSE_R(1)
-        + r_clamp(s.mu[a], p->w_min, p->w_max); /* the initial particles are clipped, too */
+        + r_clamp(s.mu[a], p->w_min, p->w_max); /* the first row clips the particles to this range */
     now->stiffness_sd[a] = r_sqrt(s.mean_var[a]);
     now->stiffness_spread[a] = r_sqrt(sigma);
     now->bias[a] = r_mul(p->sd[a], s.bias[a]);

@@ -398,7 +398,8 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   }
 }
 
-/* Open an event of this kind in slot n and, if it has one, its second amplitude. */
+/* Open an event of this kind in slot n. For EVENT_ROAD, also open its second amplitude,
+ * in slot n + ROADS. */
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   open_slot(p, k, n, which);
@@ -668,7 +669,9 @@ static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
   merge_event(p, k, n, rest);
 }
 
-/* Accept event n and close the events of its group. */
+/* Accept event n: merge it into the state and into what is reported (fault, change of the
+ * tyres). Then close all open events of its group, because at most one of them is assumed
+ * to have happened. */
 static void accept_event(const tse_params *p, tse_kalman *k, int n)
 {
   tse_real was[4], was_var[4];

@@ -74,7 +74,7 @@ enum { STEERING = TSE_SENSORS };
  * longitudinal motion. NO_SENSOR_LATERAL: it depends on the lateral motion. */
 enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
-/* A scalar measurement with its prediction. */
+/* A scalar measurement. h and consider are partial derivatives of its prediction. */
 typedef struct scalar {
   int32_t along;                     /* 1: no braking: longitudinal channels can show tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
@@ -103,7 +103,7 @@ typedef struct event_posterior {
 /* Classification of a row. */
 typedef struct row_class {
   int gap;       /* 1: the motion cannot be predicted from the previous row to this one */
-  int sparse;    /* 1: gaps are frequent */
+  int sparse;    /* 1: gaps are more frequent than MAX_GAP_RATE, so that no estimate is valid */
   int held;      /* 1: the car is slow or in reverse, or steers by a large angle */
   int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is unknown
                   * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
@@ -274,7 +274,7 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row.
- *   Returned:  angle of the front wheels during the row */
+ *   Returned:  angle of the front wheels from the previous row to this one */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict the slow states only: gravity, biases, stiffness, grip, steering. If the motion
@@ -351,8 +351,8 @@ static inline void learn_noise(
 
 /* ------------------------------------------------------------------------- velocity.c */
 
-/* Predict the extra states, which belong to measured velocities, to the time of the
- * row. */
+/* Predict the extra states to the time of the row. They are needed only for measured
+ * velocities, an optional input. */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Discard the heading and the stored past motion. Call it when the
@@ -376,7 +376,8 @@ tse_real velocity_across_var(const tse_kalman *k);
 /* --------------------------------------------------------------------------- update.c */
 
 /* Update the filter with the measurements of the row, one after the other.
- *   Given:  u  steering through the row, from predict_row() */
+ *   Given:  u  angle of the front wheels from the previous row to this one, as returned
+ *              by predict_row() */
 STAGE void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 
 /* Update the gyro bias at standstill. */

@@ -41,7 +41,7 @@
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip, if the slip is
                                          * computed from accel_x instead of the wheel speeds
                                          * (set_slip_by_force() in predict.c) */
-#define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a course grows as 1/speed */
+#define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a measured course grows as 1/v */
 #define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of the rear axle from which the sd of the
                                          * model discrepancy of the lateral speed is computed. The sd is
                                          * proportional to the sideways speed. Without the minimum it would be

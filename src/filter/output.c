@@ -54,7 +54,8 @@ static tse_real compute_variance(
  * happened: neither in the lateral nor in the longitudinal group of events (events.c). */
 static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
-/* Return the present regime, without the events that are not accepted yet. */
+/* Return the present regime: a fault, sliding wheels, a recent change or restart, or
+ * steady driving. Events that may have happened but are not accepted yet do not count. */
 static int find_regime(const tse_params *p, const tse_kalman *k)
 {
   if (k->fault || is_frozen(k, STEERING)) return TSE_REGIME_FAULT;
@@ -156,8 +157,8 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
     if (kind != EVENT_NONE && !event_is_small(k, n)) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
-  /* the probabilities of each group add up to at most 1, those of both groups to at most
-   * 2 */
+  /* the probabilities of the events of one group (lateral or longitudinal) add up to at
+   * most 1, those of both groups to at most 2. If the sum exceeds 1, divide by it */
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1)));
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
@@ -180,7 +181,8 @@ static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
   return channel;
 }
 
-/* Report the last accepted change of tyres, and the channel at fault, if any. */
+/* Report the last accepted change of the stiffness (different road, different tyres) or
+ * restart of the filter, and the channel at fault, if there is one. */
 static void report_change(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE;

@@ -332,7 +332,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   }
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
-  /* ALONG disagrees, and TURNING_BY or ACROSS. Only the speed is in both pairs */
+  /* ALONG disagrees, and one of TURNING_BY and ACROSS disagrees with it. The speed is the
+   * only quantity that ALONG has in common with either of them */
   if (along && (turning || is_speed)) {
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;

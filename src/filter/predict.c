@@ -17,8 +17,8 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-/* Return the angle of the front wheels through this row, after
- * the lags of the steering. */
+/* Return the angle of the front wheels from the previous row to this one: the logged
+ * steering angle, delayed by the lags of the steering. */
 static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_real was = k->steer[2];
@@ -61,11 +61,12 @@ void update_road(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int given = (z->given & TSE_GIVEN_grade ? 1 : 0) | (z->given & TSE_GIVEN_bank ? 2 : 0);
   if (!(given | k->road_given)) return;
-  const int changes = given ^ k->road_given; /* bits: grade, bank begins or ceases to be given */
+  const int changes = given ^ k->road_given; /* bit 0: grade, bit 1: bank begins or ceases to be given */
   for (int i = 0; i < 2; i++) {
     const int at = gravity[i];
     const tse_real before = get_road_mean(p, k, i);
-    /* if the row gives no angle, `optional` is 0 */
+    /* if the row gives no angle, z->optional is 0, and get_road_mean() does not use the
+     * result */
     k->road[i] = gravity_along(i ? -z->optional[TSE_OPTIONAL_bank] : z->optional[TSE_OPTIONAL_grade]);
     k->road_given = (k->road_given & ~(1 << i)) | (given & 1 << i);
     k->x[at] += get_road_mean(p, k, i) - before;
