@@ -403,7 +403,10 @@ def define_formula_limits() -> list[str]:
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
     rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
-    rows["TSE_FORMULA_NUMBERS"] = (numbers, "number of numbers that a formula may have: formula_a ...")
+    rows["TSE_FORMULA_NUMBERS"] = (
+        numbers,
+        "number of settings formula_a, formula_b ... for the constants of a formula",
+    )
     return [f"#define {f'{n} {value}':<24} /* {what} */" for n, (value, what) in rows.items()]
 
 

@@ -64,7 +64,8 @@ static void compute_shifts(
   }
 }
 
-/* Update the sensitivities of the state to the consider parameters: V - K y'. */
+/* Update V, the sensitivities of the state to the consider parameters, in an update:
+ * V - K y'. K is the gain, and y the result of compute_shifts(). */
 static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], const r_scaled *gain, int n)
 {
   for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
@@ -110,7 +111,8 @@ tse_real use_scalar(
   tse_real consider_var = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = h_A_h + consider_var;
-  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state); /* reduces the gain if e exceeds 3 sd */
+  /* if |e| exceeds 3 sd of the innovation, increase r, which reduces the gain */
+  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state);
   const tse_real S = *state + r;
   ud_correct(&k->ud, f, v, h_A_h, r, gain);
   if (consider_var > r_mul(NEGLIGIBLE, S)) correct_gain(k, y, S, h_A_h + r, gain, f);

@@ -22,10 +22,12 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_element(&k->event[n].v[i], left);
 }
 
-/* Number of sensitivities that are propagated in one loop. */
+/* Number of sensitivity vectors (tse_event.v, tse_kalman.consider) that one loop
+ * propagates. */
 enum { MOVED = R_TOGETHER(3) };
 
-/* Multiply MOVED sensitivity vectors v by the transition M. */
+/* Multiply MOVED sensitivity vectors v by the transition matrix M. M has only the rows of
+ * the motion, and the other elements of v remain. */
 static void move_together(tse_short *const v[MOVED], tse_short M[MOTION][PLACES])
 {
   tse_short to[MOTION * MOVED];

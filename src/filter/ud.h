@@ -32,7 +32,7 @@ enum { MAX_EXTRAS = (int)TSE_EXTRAS };
 /* Return the index of the first element of column j in u. */
 static inline int ud_column(int j) { return j * (j - 1) / 2; }
 
-/* ----------------------------------------------------------------------- set and read */
+/* -------------------------------------------------------- set and read the covariance */
 
 /* Set the covariance to the diagonal matrix of these variances. After the call, no extra
  * states are in use. */
@@ -49,7 +49,7 @@ tse_real ud_variance(const tse_ud *p, int i);
 /* Return the covariance of states i and k.    O(STATES) time */
 tse_real ud_covariance(const tse_ud *p, int i, int k);
 
-/* ----------------------------------------------------------------------------- change */
+/* -------------------------------------------------------------- change the covariance */
 
 /* Add c a a' to the covariance.
  *   Given:   a     STATES elements, then one of each extra state in use
@@ -74,7 +74,7 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count);
  *   O(MOTION STATES^2 / 2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
 
-/* ------------------------------------------------------------------------ measurement */
+/* ------------------------------------------- update the covariance with a measurement */
 
 /* Return h' P h: the part of the variance of a scalar measurement
  * that is due to the state.

@@ -45,7 +45,8 @@ static tse_real wrap_angle(tse_real angle)
   return angle - r_mul(TSE_R(2), r_mul(HALF_TURN, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
 }
 
-/* Start to use the extra states, at their prior. */
+/* Start to use the extra states, which the measured velocities need. Their means and
+ * variances are those of their prior. */
 static void start_velocity(const tse_params *p, tse_kalman *k)
 {
   tse_real variance[TSE_EXTRAS];
@@ -192,7 +193,7 @@ static velocity_reading predict_value(
   const tse_real ly = extra[V_LEVER_Y - STATES];
   const tse_real vx = v[0] - r_mul(v[2], ly);
   const tse_real vy = v[1] + extra[V_DISCREPANCY - STATES] + r_mul(v[2], lx);
-  tse_real along = TSE_R(0), across = TSE_R(0); /* partial derivatives with respect to vx, vy */
+  tse_real along = TSE_R(0), across = TSE_R(0); /* partial derivatives of m.z with respect to vx, vy */
   velocity_reading m;
   for (int e = 0; e < TSE_EXTRAS; e++) m.extra[e] = TSE_R(0);
   if (c == INS_X || c == INS_Y) {
@@ -306,7 +307,8 @@ static void use_velocity(
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(nis, r_sqr(MAX_NIS)) - m->mean_nis[c]);
   if (m->mean_nis[c] > MAX_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MAX_SINCE);
-    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the course has a new zero direction */
+    /* the zero direction of the course has probably changed: initialise the heading */
+    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) {
       m->has_heading = 0;
       m->mean_nis[c] = TSE_R(1);
       m->rejected_for[c] = TSE_R(0);

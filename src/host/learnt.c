@@ -5,14 +5,15 @@
 
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
 #define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
-#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min of the setting initial_spread */
+#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min process sd taken from a file: min of initial_spread */
 #define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays invertible */
 #define DAY 86400u                        /* [s] */
-#define PLACES_KEPT 11                    /* number of means: biases, stiffness, grip, steering, radius */
+#define PLACES_KEPT 11                    /* number of means in a file: 3 biases, 3 stiffnesses, grip,
+                                           * 3 quantities of the steering, wheel radius */
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384                      /* the number 1 in units of 2^-14 */
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */
-#define MAX_NU 1000000u                   /* [samples] max degrees of freedom of the process sd */
+#define MAX_NU 1000000u                   /* [samples] max degrees of freedom nu of the process sd */
 
 /* Content of a file of format 3 (tse/learnt.h), without its frame, in the units of the
  * file. */
@@ -25,34 +26,36 @@ typedef struct content {
 /* Indices of the diagonal in an upper triangle that is stored by rows: 11 12 13 22 23
  * 33. */
 static const int diagonal[3] = { 0, 3, 5 };
-/* Indices of the off-diagonal elements; pair has the row and column of each. */
+/* Indices of the off-diagonal elements in this triangle; pair[n] has the row and the
+ * column of off_diagonal[n]. */
 static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 #endif
 
-/* Places of the biases and of the stiffnesses among the means of a file. */
+/* Indices of the first bias and of the first stiffness among the means of a file. */
 enum {
   K_BIAS = 0,
   K_STIFFNESS = 3,
 };
 
-/* Return the place of state FAST + i among the means of a file. */
+/* Return the index of state FAST + i among the means of a file. */
 #if defined(TSE_SMALL)
 /* Four means of a file are no states of this build: the bias of accel_x and cx_front,
- * which shift the states after them by one place each, and the last two means, latency of
+ * which increase the index of each later state by 1, and the last two means, latency of
  * the steering and wheel radius. */
 static int get_place(int i) { return i + (FAST + i < LCF ? 1 : 2); }
 #else
 static int get_place(int i) { return i; }
 #endif
-/* Return the place of the correlation of states FAST + i and FAST + j, i < j. */
+/* Return the index of the correlation of states FAST + i and FAST + j, i < j, among the
+ * correlations of a file (content.pair). */
 static int get_pair_index(int i, int j)
 {
   const int low = get_place(i), high = get_place(j);
   return low * (2 * PLACES_KEPT - low - 1) / 2 + high - low - 1;
 }
 
-/* ----------------------------------------------------------------------------- bytes */
+/* ----------------------------------------------------- write and read bytes of a file */
 
 /* Compute the CRC-32 of IEEE 802.3, bit by bit. A table would be faster, but needs
  * memory, and only one file is read or written per drive. */
@@ -66,21 +69,21 @@ uint32_t crc32_of(const uint8_t *bytes, size_t count)
   return ~crc;
 }
 
-/* Write a word, little-endian. Returned: the address after the word */
+/* Write a word of 32 bits, little-endian. Returned: the address after the word */
 static uint8_t *put(uint8_t *at, uint32_t word)
 {
   for (int i = 0; i < 4; i++) at[i] = (uint8_t)(word >> (8 * i) & 0xffu);
   return at + 4;
 }
 
-/* Write n numbers. Returned: the address after the numbers */
+/* Write n numbers of 32 bits. Returned: the address after the numbers */
 static uint8_t *put_all(uint8_t *at, const int32_t *x, int n)
 {
   for (int a = 0; a < n; a++) at = put(at, (uint32_t)x[a]);
   return at;
 }
 
-/* Return the little-endian word at this place. */
+/* Return the little-endian word of 32 bits at the address `at`. */
 static uint32_t get(const uint8_t *at)
 {
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
@@ -92,7 +95,7 @@ static int32_t to_signed(uint32_t word)
   return word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1;
 }
 
-/* Read n numbers. Returned: the address after the numbers */
+/* Read n signed numbers of 32 bits into x. Returned: the address after the numbers */
 static const uint8_t *get_all(const uint8_t *at, int32_t *x, int n)
 {
   for (int a = 0; a < n; a++, at += 4) x[a] = to_signed(get(at));
@@ -123,8 +126,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 /* Return whether the magnitude of x is at most `limit`. */
 static int is_within(int32_t x, int32_t limit) { return x >= -limit && x <= limit; }
 
-/* Return the max magnitude of the mean at a place of the file, in units of 2^-24: the max
- * magnitude of the state of the filter that is saved at this place. */
+/* Return the max magnitude, in units of 2^-24, of the mean with index `place` in a file.
+ * It is the max magnitude of the state that is saved there. */
 static int32_t get_max_code(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)

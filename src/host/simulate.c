@@ -70,7 +70,8 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   sim->config = *s;
   memcpy(&sim->params, &params, sizeof params); /* with padding, because tse_sim_check() compares bytes */
   sim->params.seed[0] = (uint32_t)s->seed;
-  sim->params.seed[1] = 0x73696d75u; /* differs from the key of the filter */
+  /* differs from seed[1] of the filter: with equal seeds, both draw different numbers */
+  sim->params.seed[1] = 0x73696d75u;
   sim->x[0] = r_from_setting(s->speed);
   sim->x[1] = r_from_setting(s->vel_y);
   sim->x[3] = r_div(sim->x[0], params.radius_front);

@@ -42,7 +42,7 @@ static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi
   return fine;
 }
 
-/* Return whether n elements of type tse_short are in their range. */
+/* Return whether n numbers of type tse_short are in the range of a sound state. */
 static inline int sound_shorts(const tse_short *x, int n)
 {
   int fine = 1;

@@ -111,7 +111,7 @@ static void compute_force_slopes(
   static const int of_d[3] = { STEER_OFFSET, GAIN, LATE };
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate),
     -r_mul(TSE_R(1) + x[GAIN], f->rate) };
-  for (int i = 0; i < 3; i++) { /* the direction of the front force depends on d */
+  for (int i = 0; i < 3; i++) { /* the road-wheel angle d turns the front force */
     f->by_x[of_d[i]] = -r_mul(by_d[i], ay);
     f->by_y[of_d[i]] = r_mul(by_d[i], ax);
     f->by_yaw[of_d[i]] = r_mul(c->jf, r_mul(by_d[i], ax));
@@ -385,8 +385,9 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   const tse_real imu_y = at_imu.y + r_mul(c->roll_leak, x[PHI])
       - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));
   const planar read = turn_axes(imu_x, imu_y, c->mount_sin, c->mount_cos);
+  /* derivatives of imu_y with respect to f->y, and of imu_x with respect to f->x */
   const tse_real gain_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
-                 gain_x = TSE_R(1) + c->pitch_leak; /* derivatives of imu_y by f->y, and of imu_x by f->x */
+                 gain_x = TSE_R(1) + c->pitch_leak;
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
@@ -417,7 +418,7 @@ static void predict_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const
 {
   const tse_real r = x[YAW], loss_front = r_mul(RADIUS_LOSS, c->height_front),
                  loss_rear = r_mul(RADIUS_LOSS, c->height_rear);
-  /* wheel.y is the derivative of wheel.x with respect to d */
+  /* wheel.y is the derivative of wheel.x with respect to the road-wheel angle d */
   const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d);
   const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
   const tse_real turns_front = TSE_R(1) - r_mul(loss_front, f->x),

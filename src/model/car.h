@@ -94,30 +94,30 @@
   NOT_SMALL(ROW(DPHI, 0.5,  10))  /* [rad/s] rate of the roll angle */ \
   NOT_SMALL(ROW(SF,   0.01, 10))  /* [1] slip of the front axle */ \
   NOT_SMALL(ROW(SR,   0.01, 10))  /* [1] slip of the rear axle */ \
-  NOT_SMALL(ROW(GX,   0.3,  5))   /* [m/s2] longitudinal gravity, positive uphill */ \
-  ROW(GY,   0.15,  5)   /* [m/s2] lateral gravity, positive to the left */ \
+  NOT_SMALL(ROW(GX,   0.3,  5))   /* [m/s2] gravity along the road, positive uphill: it slows the car */ \
+  ROW(GY,   0.15,  5)   /* [m/s2] gravity across the road, positive if it pulls to the left */ \
   NOT_SMALL(ROW(BX,   0.05, 50))  /* [m/s2] bias of accel_x */ \
   ROW(BY,   0.05,  50)  /* [m/s2] bias of accel_y */ \
   ROW(BR,   0.002, 6)   /* [rad/s] bias of yaw_rate */ \
   NOT_SMALL(ROW(LCX,  0.1,  4))   /* [1] ln(longitudinal stiffness / nominal) */ \
   ROW(LCF,  0.1,   4)   /* [1] ln(front cornering stiffness / nominal) */ \
   ROW(LCR,  0.1,   4)   /* [1] ln(rear cornering stiffness / nominal) */ \
-  ROW(LMU,  0.2,   4)   /* [1] ln(grip / setting) */ \
-  ROW(STEER_OFFSET, 0.002, 0.2) /* [rad] offset of the steering angle */ \
-  ROW(GAIN, 0.02,  0.5) /* [1] true road-wheel angle / logged one - 1 */ \
+  ROW(LMU,  0.2,   4)   /* [1] ln(grip / grip in the settings) */ \
+  ROW(STEER_OFFSET, 0.002, 0.2) /* [rad] true minus logged road-wheel angle where the logged one is 0 */ \
+  ROW(GAIN, 0.02,  0.5) /* [1] scale error: (road-wheel angle without offset)/(logged angle) - 1 */ \
   NOT_SMALL(ROW(LATE, 0.01,  0.2)) /* [s] latency of the steering angle */ \
-  NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] front wheel radius in the settings / true one - 1 */ \
+  NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] (front wheel radius in the settings)/(true one) - 1 */ \
   ROW(LEAN, 0.05,  0.9) /* [1] superelevation: share of v_x r that gravity provides in banked curves */
-/* Extra states, which are needed only if velocities are measured. In the state they
- * follow the states above. */
+/* Extra states, which are needed only if velocities are measured. In the state vector
+ * they follow the states above. */
 #define EXTRA_ROWS(ROW) \
-  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, from the zero direction of the course */ \
-  ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the lateral speed */ \
+  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, from the direction in which gnss_course is 0 */ \
+  ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] true lateral speed minus lateral speed of the model */ \
   ROW(V_SCALE,       0.01, 0.5) /* [1] relative scale error of the velocities */ \
   ROW(V_TURN,        0.01, 1)   /* [rad] angle from the axes of the car to those of the INS */ \
   ROW(V_LATE,        0.02, 0.3) /* [s] latency of the velocities, minus the setting */ \
-  ROW(V_LEVER_X,     0.2,  30)  /* [m] longitudinal position of the velocity sensor */ \
-  ROW(V_LEVER_Y,     0.2,  30)  /* [m] lateral position of the velocity sensor */
+  ROW(V_LEVER_X,     0.2,  30)  /* [m] position of the velocity sensor, ahead of the centre of gravity */ \
+  ROW(V_LEVER_Y,     0.2,  30)  /* [m] position of the velocity sensor, left of the centre of gravity */
 /* clang-format on */
 #define STATE_NAME(name, unit, max) name,
 #if defined(TSE_SMALL)
@@ -151,7 +151,7 @@ enum {
   CONSIDER_LATE, /* latency of the steering angle, which is not a state in this build */
   CONSIDER_SCALE,
   CONSIDER_GYRO,
-  CONSIDER_INERTIA, /* the columns from here on are written and never read */
+  CONSIDER_INERTIA, /* the columns of this and the following parameters are never read */
   CONSIDER_TRAIL,
   CONSIDER_RELAXATION_FRONT,
   CONSIDER_RELAXATION_REAR,
@@ -176,7 +176,7 @@ enum {
   CONSIDER_WHEELS_LATE,
   CONSIDER_ACCEL_LATE,
   COLUMNS = STATES + CONSIDER_SCALE,
-  PLACES = COLUMNS, /* columns of a matrix; those from COLUMNS on are written and never read */
+  PLACES = COLUMNS, /* number of columns of a matrix of partial derivatives */
 };
 #endif
 
@@ -210,7 +210,8 @@ typedef struct steering {
   tse_real from, to, dt;
 } steering;
 
-/* Specific forces, yaw acceleration, and their partial derivatives. */
+/* Specific forces (force / mass) and yaw acceleration of the car, and their partial
+ * derivatives. */
 typedef struct forces {
   tse_real x, y, yaw; /* [m/s2] [m/s2] [rad/s2] */
   /* derivatives of x, y, yaw with respect to states and consider parameters */

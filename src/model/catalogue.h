@@ -116,7 +116,7 @@ static inline void relaxation_slip(const tse_real lag[4], point *pt)
   pt->s.a_rear = lag[1];
 }
 
-/* Return the rate of relaxation [1/s]. */
+/* Return the rate v/length of relaxation [1/s], with v as above. */
 static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
 {
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
@@ -303,7 +303,8 @@ static inline void imu_lever_arm_sensor(reading *z)
  *
  * Typical gain 3 .. 6 degrees per g, frequency 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 
-/* Return x'' of body_roll. Given: x, and its time derivative `speed` */
+/* Return x'', the second time derivative of the x of body_roll (see above).
+ *   Given:  x, and its time derivative `speed` */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
@@ -314,7 +315,7 @@ static inline void body_roll_body(point *pt)
   const tse_effects *const e = &pt->p->effects;
   const tse_real *const x = pt->m->mode[MODE_ROLL], h = pt->ahead;
   const tse_real then = x[0] + r_mul(h, x[1]),
-                 before = body_roll_swing(pt, then, x[1]); /* x is extrapolated by `ahead` seconds */
+                 before = body_roll_swing(pt, then, x[1]); /* `then` is x, extrapolated by `ahead` */
   const tse_real swing = body_roll_swing(
       pt, then + r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before), x[1] + r_mul(h, before));
   pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), swing);

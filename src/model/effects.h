@@ -21,7 +21,7 @@ static inline int effect_is_on(const tse_effects *e, int effect) { return (int)(
 typedef struct given {
   tse_real grade, bank;           /* [rad] added to the settings grade_angle and bank_angle */
   tse_real slip_front, slip_rear; /* [rad] added to the slip angles */
-  tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] added to the forces and the yaw moment */
+  tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] added to force / mass and yaw acceleration */
 } given;
 
 /* Wheels whose speeds v = R omega are states, front and rear:
@@ -48,20 +48,22 @@ typedef struct point {
   const tse_params *p;        /* the car */
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
-  inputs u;                   /* its steering angle is the result of the INPUT effects */
-  tse_real ahead;             /* [s] time from the memory to this point */
+  inputs u;                   /* steering angle after the effects of hook INPUT; wheel speeds */
+  tse_real ahead;             /* [s] time of this point minus time of the last update of the memory */
   given g;
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
   slips s;            /* slips and slip angles; a tyre force is stiffness times slip */
   tse_real target[4]; /* values that the LAG states follow: slip angles front, rear, slips front, rear */
-  tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
+  tse_real rate[4];   /* [1/s] rates of the LAG states, in the order of target; 0: this slip has no lag */
   stiffness k;
-  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle. Plain model: the angle, and 1 */
+  /* sine and cosine of the steering angle. The plain model approximates them by the angle
+   * and 1. The effect exact_kinematics replaces them by the exact values */
+  tse_real sin_steer, cos_steer;
   tse_real fx_front, fx_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   tse_real fy_front, fy_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   accels force;                  /* specific force at the centre of gravity, and yaw acceleration */
-  tse_real free_angle[2];        /* [rad] slip angles before the user's formula and the LAG states */
+  tse_real free_angle[2];        /* [rad] slip angles before the user's formula and LAG states change them */
   tse_real gravity_x, gravity_y; /* [m/s2] gravity; it accelerates the car, and the IMU does not measure it */
 } point;
 
@@ -111,7 +113,7 @@ static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TS
   return v[i - 1] + r_mul(share, v[i] - v[i - 1]);
 }
 
-/* Second-order lags: index of tse_effect_memory.mode. */
+/* Indices in tse_effect_memory.mode of the second-order lags of the effects. */
 enum {
   MODE_ROLL,
   MODE_PITCH,
@@ -149,7 +151,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
 
 #define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state: limit of speed / relaxation length */
 
-/* Return whether any LAG effect is on. */
+/* Return whether any effect of hook LAG is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
 
 /* Compute the rates of the LAG states from the slips. Updated: pt->rate */

@@ -11,9 +11,9 @@
  * catalogue.h, this file has no #include: effects.h includes it after its
  * declarations. */
 
-#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; a larger value and NaN become 0 */
+#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; larger values and NaN become 0 */
 
-/* One evaluation of the program. */
+/* State of one evaluation of the formula. */
 typedef struct formula_run {
   const point *pt;
   tse_effect_memory *next; /* memory to be updated, or NULL */
@@ -23,7 +23,7 @@ typedef struct formula_run {
 
 static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >> TSE_BIT_FORMULA) & 1u); }
 
-/* Return x, or 0 if its magnitude is too large or it is NaN. */
+/* Return x, or 0 if |x| is at least MAX_FORMULA_VALUE or x is NaN. */
 static inline tse_real formula_clip(tse_real x)
 {
   return x > -MAX_FORMULA_VALUE && x < MAX_FORMULA_VALUE ? x : TSE_R(0);

@@ -150,8 +150,8 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
     cq = -c;
   }
   if (shape > TSE_R(0)) {
-    /* with v = 1/(1 + q^2), shape 1 is (v^2/(1 - v + v^2))^(1/4), which cannot
-     * overflow */
+    /* with v = 1/(1 + q^2), the ratio of shape 1 is (v^2/(1 - v + v^2))^(1/4).
+     * Unlike q^4, no part of this expression can overflow */
     const tse_real v = r_div(TSE_R(1), TSE_R(1) + r_mul(q, q)), gone = TSE_R(1) - v;
     const tse_real sum = TSE_R(1) - r_mul(v, gone), root = r_sqrt(r_div(v, r_sqrt(sum)));
     c += r_mul(shape, root - c);

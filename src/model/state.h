@@ -38,7 +38,7 @@ typedef struct tse_effect_memory {
   tse_real mode[3][2];    /* second-order lags of roll, pitch, roll steer: output [m/s2], its rate */
   tse_real time, heading; /* [s] time since the start; [turns] change of heading since the start */
   int32_t steered;        /* 0: there has been no row with a steering angle */
-  tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
+  tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after the first lag, after both */
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
@@ -131,7 +131,7 @@ typedef struct tse_particles {
 typedef struct tse_car {
   tse_real kx_front, kx_rear;                  /* [m/s2] nominal longitudinal stiffness */
   tse_real ky_front, ky_rear;                  /* [m/s2/rad] nominal cornering stiffness */
-  tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
+  tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of tyre curve */
   tse_real end_front, end_rear;                /* [m/s2] max force of each axle / friction coefficient */
   /* relative change of the cornering stiffness of an axle by load transfer
    *   along  [s2/m] decrease in front, increase in the rear, per longitudinal acceleration
@@ -154,7 +154,7 @@ typedef struct tse_car {
   tse_real pitch_height;              /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
   tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
   tse_real pitch_damping;             /* [1] damping ratio of the pitch */
-  tse_real lever_x, lever_y;          /* [m] position of the IMU */
+  tse_real lever_x, lever_y;          /* [m] position of the IMU, ahead and left of the centre of gravity */
   tse_real mount_cos, mount_sin;      /* [1] cosine and sine of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
   tse_real free_front, free_rear;     /* [1] minus the slip of each axle if it rolls freely */
@@ -170,7 +170,7 @@ struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle; /* hash of the vehicle settings, the same in every number format */
   int32_t form, wheel_signals;
-  tse_real steady_walk; /* [1/s] variance rate of the stiffness between events */
+  tse_real steady_walk; /* [1/s] growth rate of the variance of a relative stiffness between events */
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
@@ -178,9 +178,9 @@ struct tse_params {
   tse_real radius_front, radius_rear; /* [m] rolling radii */
   /* sensors */
   tse_real sd[3], inv_sd[3]; /* sd of accel_x, accel_y [m/s2], yaw rate [rad/s], and 1/sd */
-  tse_real bias_var0[3];     /* [sigma^2] initial bias variance */
-  tse_real bias_walk[3];     /* [sigma^2/s] variance rate of the bias */
-  tse_real log_sd[3];        /* [log2] sd of the sensors */
+  tse_real bias_var0[3];     /* [sigma^2] initial variance of each bias */
+  tse_real bias_walk[3];     /* [sigma^2/s] growth rate of the variance of each bias */
+  tse_real log_sd[3];        /* log2 of each sd */
   tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
@@ -189,10 +189,11 @@ struct tse_params {
   tse_real noise_max_var;        /* [1] square of noise_max */
   tse_real log2_forgetting;      /* log2 of the forgetting factor of Lambda and nu */
   tse_real log2_forgetting_mean; /* log2 of the forgetting factor of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; its min after a change */
+  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; min of the adaptive one */
   tse_real memory;                             /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
   tse_real resample_at; /* [particles] N_eff at or below which particles are resampled */
-  /* particle filter: initial mu, lam, gamma, nu; initial variance of a stiffness */
+  /* particle filter: initial mu, lam, gamma, nu; initial variance of a stiffness about
+   * its mean, relative to nominal */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;      /* [1] initial variance of a mean stiffness */
@@ -201,7 +202,7 @@ struct tse_params {
   tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
-  tse_real latency_age[6]; /* [s] age of the value of each channel that a step uses */
+  tse_real latency_age[6]; /* [s] for each channel, age of the value that a step uses */
   tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
   tse_real learnt_walk;    /* [1/day] growth of this variance */
   /* particle filter: limits of w = stiffness/nominal - 1. Initial values are clipped to
@@ -216,13 +217,13 @@ struct tse_params {
   tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sd of each consider parameter */
   tse_real model_sd;                                /* [1] setting model_sd */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
-  tse_real steer_lag, steer_lag_second; /* [s] time constants of both steering lags */
+  tse_real steer_lag, steer_lag_second; /* [s] time constants of the two lags of the steering, in series */
   tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] sd of each velocity */
   tse_real velocity_late;               /* [s] time by which velocities precede the processed row */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior mean and sd of the extra states */
   tse_real no_torque;                               /* [Nm] an axle with a smaller |torque| rolls freely */
-  tse_real road_sd;                                 /* [m/s2] sd of gravity along a given road */
-  tse_effects effects;                              /* mask 0: model without effects */
+  tse_real road_sd;    /* [m/s2] sd of the error of gravity from a logged grade or bank */
+  tse_effects effects; /* mask 0: model without effects */
 };
 
 /* Initial estimate from tse_learnt_load(). If `loaded` is 0, the filter starts from the
@@ -232,25 +233,25 @@ typedef struct tse_start {
   tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); spread of this mean over the particles */
   tse_real mean_var[3];     /* [1] total variance of this mean */
   tse_real lam[6], gamma, nu;
-  tse_real bias[3], bias_var[3];         /* particle filter: mean of each bias [sigma]; variance */
-  tse_real kept[TSE_KEPT];               /* default filter: saved states, SI units */
+  tse_real bias[3], bias_var[3]; /* particle filter: mean of each bias [sigma]; its variance [sigma^2] */
+  tse_real kept[TSE_KEPT];       /* default filter: saved states, SI units */
   tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* default filter: their covariance, in units of the state */
   tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
 } tse_start;
 
-/* History of a stiffness. */
+/* History of a stiffness: whether it has been valid, or was loaded. */
 enum {
-  TSE_UNKNOWN,      /* not valid since the last restart, and not loaded */
-  TSE_KNOWN,        /* valid in a row since the last restart */
-  TSE_KNOWN_BEFORE, /* loaded by tse_learnt_load(), and not valid since */
+  TSE_UNKNOWN,      /* not valid in any row since the last restart, and not loaded */
+  TSE_KNOWN,        /* valid in at least one row since the last restart */
+  TSE_KNOWN_BEFORE, /* loaded by tse_learnt_load(), and not valid in any row since */
 };
 
-#define TSE_GROUPS 2 /* groups of mutually exclusive events */
+#define TSE_GROUPS 2 /* number of groups of mutually exclusive events */
 
 /* Covariance U D U', in units of the state. U is unit upper triangular, D diagonal. */
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2]; /* elements of U above its diagonal */
-  tse_short w[TSE_EXTRAS][TSE_ALL];               /* rows of U of the extra states */
+  tse_short w[TSE_EXTRAS][TSE_ALL];               /* rows of U that belong to the extra states */
   int32_t extras;                                 /* number of extra states in use: 0 or TSE_EXTRAS */
   tse_real d[TSE_STATES], e[TSE_EXTRAS];          /* D of the states, D of the extra states */
 } tse_ud;
@@ -278,10 +279,10 @@ typedef struct tse_velocity {
  * happened, the estimated state has an error: the vector v times the amplitude of the
  * event. The amplitude is unknown, and is estimated from the innovations. */
 typedef struct tse_event {
-  tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
+  tse_short v[TSE_ALL]; /* error of the state per unit of the amplitude, in units of the state */
   tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
   tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] cross information of this amplitude and the second one of the event */
+  tse_real both;        /* [1] only in a second amplitude: cross information with the first one */
   tse_real age;         /* [s] time since the hypothesis was opened */
   int32_t kind;         /* EVENT_... of src/filter/filter.h; 0: free slot */
 } tse_event;
@@ -306,18 +307,20 @@ typedef struct tse_timing {
 /* State of the plausibility check of the channels (src/filter/plausible.c). */
 #define TSE_PAIRS 5
 typedef struct tse_agreement {
-  tse_real smooth[6]; /* channels after a low pass */
+  /* low-passed accel_y, v r, accel_x, speed v, yaw rate r, and the yaw rate expected from
+   * the steering angle */
+  tse_real smooth[6];
   tse_pair pair[TSE_PAIRS];
-  tse_real since; /* [s] since a row with a wheel speed */
+  tse_real since; /* [s] time since the last row with a wheel speed */
   /* [m2/s3] sums that give the factor by which the speed from the wheels is too large
    * (compute_scale()). r is the yaw rate, v the speed from the wheels. moved[0]: time
    * integrals of (v r)^2 and of v r accel_y. moved[1]: time integrals of accel_x^2 and of
    * accel_x times the rate of v */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
-  tse_real lags;              /* [m2/s4] as tse_timing.late, for the part of the delay due to sideslip */
+  tse_real lags;              /* [m2/s4] max part of across.late that soft tyres and IMU position can cause */
   tse_real complete_for;      /* [s] time since the last row without accel_y, yaw_rate or steer_angle */
-  int32_t apart;     /* bit i: the quantities of pair i disagree, see is_apart(); next bits: LATE_ACCEL .. */
+  int32_t apart;     /* bit i: the quantities of pair i disagree; next bits: a late channel (plausible.c) */
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
@@ -340,8 +343,8 @@ typedef struct tse_kalman {
   tse_real activity[3];          /* [m2/s4] [m2/s4] [rad2/s2] recent mean square of a_x, a_y, yaw rate */
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
-  tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
-  tse_real road[2];              /* [m/s2] gravity components g_x, g_y from a given road; 0: not given */
+  tse_real steer[3];             /* [rad] steering angle: logged, after the first lag, after both lags */
+  tse_real road[2];              /* [m/s2] gravity g_x, g_y from the logged grade and bank; 0: not logged */
   tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
   /* for each stiffness, variance of its linearisation error, in squared units of the
    * state: a correction of a stiffness makes earlier measurements inaccurate, which were
@@ -356,23 +359,23 @@ typedef struct tse_kalman {
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS];     /* slow innovation: innovation after a low pass */
   tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
-  tse_real usual[TSE_SENSORS];    /* [1] mean of (squared slow innovation / slow_var) */
+  tse_real usual[TSE_SENSORS];    /* [1] recent mean of (squared slow innovation / slow_var) */
   tse_real log_likelihood;
-  tse_real change_age;               /* [s] time since the last change (change_kind) */
-  tse_real change_from[4];           /* [1] logarithms of stiffness and grip before the last change */
-  tse_real change_from_var[4];       /* variances of these logarithms, in squared units of the state */
-  tse_along along, along_from;       /* prior of ln(slip stiffness): now, and before the last change */
-  tse_real reading[TSE_SENSORS + 1]; /* last readings of the sensors and of the steering angle */
-  tse_real repeats[TSE_SENSORS + 1]; /* [1] share of the readings that equal the previous reading */
-  tse_real
-      repeats_again[TSE_SENSORS + 1]; /* [1] share of the readings after a repetition that repeat again */
-  /* [1] -log2 of the probability that a working channel repeats as many readings */
+  tse_real change_age;                     /* [s] time since the last change, which is of kind change_kind */
+  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
+  tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
+  tse_along along, along_from;             /* prior of ln(slip stiffness): now, and before the last change */
+  tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
+  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
+  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among the readings that follow a repetition */
+  /* [1] -log2 of the probability that a working channel repeats its reading as often as
+   * this channel now has (watch_repeats()) */
   tse_real frozen[TSE_SENSORS + 1];
   tse_real agrees_for; /* [s] time for which the faulty channel has agreed with the prediction */
   int32_t change_kind; /* TSE_CHANGE_* */
-  int32_t fault;       /* 0: no fault, else 1 + TSE_CHANNEL_ */
+  int32_t fault;       /* 1 + TSE_CHANNEL_... of the faulty channel; 0: no fault */
   int32_t slow_turn;   /* slow state whose process noise is added next */
-  int32_t road_given;  /* bit 0: longitudinal gravity is given; bit 1: lateral gravity */
+  int32_t road_given;  /* bit 0: the last row has a grade; bit 1: the last row has a bank */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS]; /* posterior probability of each event */
   tse_real none[TSE_GROUPS];   /* posterior probability that no event of the group has happened */
@@ -392,7 +395,7 @@ typedef struct tse_alignment {
   int32_t count, newest;               /* number of rows; index of the newest */
   tse_real since;                      /* [s] time from the row of the last step to the newest row */
   tse_real unkept;                     /* [s] time from the newest stored row to the newest row */
-  tse_real before[TSE_LATENCY_KEPT];   /* [s] time from the previous stored row; 0: first row */
+  tse_real before[TSE_LATENCY_KEPT];   /* [s] time since the stored row before this one; 0: first row */
   tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 if missing */
   uint8_t missing[TSE_LATENCY_KEPT];   /* bits of tse_input.missing */
   tse_real lost[3];  /* [1] share of the noise variance of the IMU that interpolation removes */
@@ -433,11 +436,11 @@ struct tse_filter {
  * pointer to a pointer to tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu; /* of (16), (17); independent of measurements, common to all particles */
+  tse_real gamma, nu; /* of (16), (17); measurements do not change them, and all particles share them */
   tse_real bias_var
       [3]; /* [sigma^2] variances of the biases: diagonal of P of (18), (19), the same for all particles */
   tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
-  tse_real excite[3];                    /* regressors after a low pass (EXCITATION_TIME) */
+  tse_real excite[3];                    /* low-passed regressor of each stiffness (paper/row.c) */
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
   tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;

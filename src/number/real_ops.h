@@ -109,7 +109,7 @@ typedef uint32_t real_bits;
 #define REAL_INFINITY 0x7f800000u
 #define REAL_ROOT_HALF 0x00cafb0du      /* added to the bits of a number, it increases the exponent by 1,
                                          * or by 2 if the significand is at least sqrt(2) */
-#define REAL_MOST_INT 2147483520.0f     /* largest below 2^31 */
+#define REAL_MOST_INT 2147483520.0f     /* largest float below 2^31 */
 #define REAL_UNIFORM 9                  /* bits of a random word that do not fit into a number */
 static inline tse_real r_sqrt(tse_real x) { return sqrtf(x); }
 static inline tse_real evaluate_log2_series(tse_real z)
@@ -435,7 +435,7 @@ static inline tse_real r_exp2(tse_real x)
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
-  const int64_t off = turn - quarter * (FIXED_ONE / 4); /* from the nearest quarter, at most 1/8 turn */
+  const int64_t off = turn - quarter * (FIXED_ONE / 4); /* from the nearest quarter turn: at most 1/8 turn */
   const int32_t x = (int32_t)(2 * off);
   const int32_t w = evaluate_q30_step(0, x, x);
   int32_t p = 331, q = 3792;

@@ -193,9 +193,9 @@ static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 
 #define SHORT_BITS 22
 #define COEF_BITS 20
-#define MAX_SHORT ((int32_t)1 << 30) /* [2^-SHORT_BITS] limit of a tse_short: 256. The max is one step less */
+#define MAX_SHORT ((int32_t)1 << 30) /* [2^-SHORT_BITS] a tse_short is at least -256 and below 256 */
 
-/* A factor: m 2^-(32 + right). */
+/* A factor by which rows of tse_short are multiplied: m 2^-(32 + right). */
 typedef struct r_factored {
   int32_t m, right;
 } r_factored;
@@ -466,7 +466,7 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
  * state is at most 1, and r_over_unit() is called only for units of the states of the
  * motion, which are at least 2^-8. */
 #define SLOPE_BITS 23
-#define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
+#define SLOPE_ALL (SLOPE_BITS + 5) /* number of bits of a slope, including integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
 static inline r_factored r_unit(tse_real unit)
 {

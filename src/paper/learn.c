@@ -9,7 +9,7 @@
 #define MIN_NU TSE_R(6) /* min degrees of freedom. The scale of (22), (nut - 2)/nut with nut = nu - 2, and
                          * the covariance Lambda/(nu - 4) of w require nu > 4. The limit is reached only
                          * with a short memory and long time steps */
-#define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min forgetting factor of a row: keeps 2^-20 of the statistics */
+#define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min forgetting factor per row: keeps at least 2^-20 of the past */
 #define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
@@ -27,7 +27,7 @@
                               * low-passed white noise, up to which lambda_mu does not change */
 #define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda_mu per unit of the ratio above USUAL_RATIO */
 
-/* Draw three Student-t variates, t[0] .. t[2], for each particle of a run. */
+/* Draw three Student-t variates, t[0] .. t[2], for each of up to RUN particles. */
 static void draw_student(
     const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {

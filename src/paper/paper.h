@@ -88,7 +88,7 @@ TSE_INLINE void condition_on_channel(
   *scale = s;
 }
 
-/* Return the innovation of particle i. */
+/* Return the innovation of particle i, its scale, and the distribution of w given y. */
 TSE_INLINE innovation compute_innovation(
     const tse_params *p, const common *c, const sample *y, const tse_particles *q, int32_t i)
 {

@@ -29,7 +29,8 @@ static tse_real compute_position(tse_real share, int32_t k, tse_real u)
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
 }
 
-/* Choose ancestors at n sorted uniform positions. */
+/* Choose ancestors by multinomial resampling: at n sorted uniform random positions on the
+ * cumulative weights. */
 static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {
@@ -63,7 +64,7 @@ static void choose_residual(const tse_real *weight, int32_t n, tse_real total, c
   int32_t filled = 0, k = 0;
   for (int32_t i = 0; i < n; i++) filled += count_whole_copies(weight[i], n, total);
   const int32_t rest = n - filled;          /* not negative, because copies are rounded down */
-  const tse_real share = r_share(total, n); /* weight of one copy */
+  const tse_real share = r_share(total, n); /* cumulative weight per copy */
   tse_real sum = TSE_R(0);
   int32_t j = 0;
   for (int32_t i = 0; i < n; i++) {

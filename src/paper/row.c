@@ -14,9 +14,9 @@
 /* Classification of a row. */
 typedef struct row_kind {
   int gap;            /* 1: too long after the previous row; the motion is initialised again */
-  int held;           /* 1: too slow, in reverse or at a large steering angle: equation (4) is not valid */
-  int predicted;      /* 1: an input or all measurements are missing */
-  int32_t excited[3]; /* 1: the stiffness is excited */
+  int held;           /* 1: too slow, in reverse or steering too much: equation (4) is not valid */
+  int predicted;      /* 1: no update, because an input or all measurements are missing */
+  int32_t excited[3]; /* 1: recent inputs excite the stiffness: it can be estimated */
 } row_kind;
 
 static tse_real find_max_wheel_speed(const sample *y)

@@ -47,14 +47,15 @@ static tse_real compute_log2_common(const tse_params *p, const common *n, const 
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
 
-/* Add the log-likelihood of the sample to every log-weight. */
+/* Add the log-likelihood of the sample to every log-weight, without the part that is
+ * common to all particles (compute_log2_common()). */
 static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
   const int32_t count = pad_count(p->particles);
   for (int32_t i = 0; i < count; i++) {
     const innovation e = compute_innovation(p, c, y, q, i);
-    /* log2 of the density: common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
+    /* add -log2|S|/2 - (nut + d)/2 log2(1 + q/nut), d: number of measurements */
     q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
         - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
   }

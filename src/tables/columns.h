@@ -317,6 +317,6 @@
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 // clang-format on: end of table
 
-#define NO_COLUMN(...) /* argument of a list above that omits the rows of a kind */
+#define NO_COLUMN(...) /* as argument of a list above: omits the rows that this argument expands */
 
 #endif

@@ -32,10 +32,11 @@ typedef struct effect_row {
   uint8_t effect, strength;
 } effect_row;
 
-/* Rows of the members of type tse_setting and int32_t, in the order of tse_config. */
+/* Rows of the settings of type tse_setting, and of those of type int32_t, in the order of
+ * the members of tse_config. */
 extern const real_row setting_reals[REALS];
 extern const whole_row setting_wholes[WHOLES];
-/* Row i belongs to setting_reals[FIRST_EFFECTS + i]. */
+/* Effect of each setting: row i is for setting_reals[FIRST_EFFECTS + i]. */
 extern const effect_row setting_effects[COUNT_EFFECTS];
 
 #endif

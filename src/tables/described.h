@@ -335,8 +335,9 @@ static const tse_field formula_places[] = {
 
 static const tse_field formula_limits[] = {
   // clang-format off: table formula_limits_described
-  { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "max number of operations of a program" },
-  { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "", "max number of values on the stack" },
+  { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "max number of operations of a formula" },
+  { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "",
+      "max number of values on the stack while a formula is evaluated" },
   { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "", "max number of operations with memory" },
   { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "max number of operations `late`" },
   // clang-format on: end of table

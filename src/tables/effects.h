@@ -25,13 +25,14 @@ enum {
   TSE_EFFECTS,
 };
 
-#define TSE_BIT_FORMULA 62  /* number of the bit of the user's formula (formula.toml) in this mask */
+#define TSE_BIT_FORMULA 62  /* number of the bit of the user's formula (formula.toml) in tse_effects.mask */
 // clang-format off: table formula_limits
-#define TSE_FORMULA_OPS 33       /* max number of operations of a program */
-#define FORMULA_STACK 8          /* max number of values on the stack */
+#define TSE_FORMULA_OPS 33       /* max number of operations of a formula */
+#define FORMULA_STACK 8          /* max number of values on the stack while a formula is evaluated */
 #define TSE_FORMULA_MEMORIES 3   /* max number of operations with memory */
 #define FORMULA_LATE 1           /* max number of operations `late` */
-#define TSE_FORMULA_NUMBERS 8    /* number of numbers that a formula may have: formula_a ... */
+#define TSE_FORMULA_NUMBERS 8    /* number of settings formula_a, formula_b ... for the constants of a
+                                  * formula */
 // clang-format on: end of table
 
 /* Effects and their parameters, as prepared by tse_prepare(). Bit TSE_EFFECT_<id> of mask

@@ -10,9 +10,9 @@
 
 #define INPUT_ROW(name, drives, lo, hi, unit, text) \
   { #name, (uint16_t)offsetof(tse_input, name), drives, TSE_R(lo), TSE_R(hi) },
-/* Channels, by TSE_CHANNEL_... */
+/* Channels, with TSE_CHANNEL_... as index. */
 static const channel_row channel_rows[TSE_CHANNELS] = { CHANNELS(INPUT_ROW) };
-/* Optional channels, by TSE_OPTIONAL_... */
+/* Optional channels, with TSE_OPTIONAL_... as index. */
 static const channel_row optional_rows[TSE_OPTIONALS] = {
   VELOCITIES(INPUT_ROW) PEDALS(INPUT_ROW) ROADS(INPUT_ROW)
 };
