@@ -274,7 +274,7 @@ def read_road(path: Path) -> Road:
     if twice:
         raise UserError(f"{path}: column {twice[0]} appears twice in the header (line 1)")
     table = table.iloc[1:]
-    line = np.arange(2, len(table) + 2)
+    line = _find_lines(path)[1:]
     columns = {n: _parse_column(path, n, table[header.index(n)], line) for n in COLUMN_RANGES if n in header}
     if "distance" not in columns:
         raise UserError(
@@ -289,6 +289,13 @@ def read_road(path: Path) -> Road:
     for name in PROFILE:
         columns.setdefault(name, np.full(len(table), np.nan))
     return Road(**columns, is_closed=bool(closed[0]), path=path)
+
+
+def _find_lines(path: Path) -> Array:
+    """Return the numbers of the lines that are rows, the header included. pandas skips
+    blank lines."""
+    with open(path, encoding="utf-8-sig") as file:
+        return np.flatnonzero([bool(text.strip()) for text in file]) + 1
 
 
 def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
