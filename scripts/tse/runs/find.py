@@ -170,11 +170,11 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     try:
         with open(table, encoding="utf-8-sig") as file:
             # only a whole line can be a comment, since file names may contain "#"
-            lines = [line for line in file if line.strip() and not line.startswith("#")]
-        head = lines[0] if lines else ""
+            lines = {n: text for n, text in enumerate(file, 1) if text.strip() and not text.startswith("#")}
+        head = next(iter(lines.values()), "")
         separator = ";" if ";" in head and "," not in head else ","
         read = pd.read_csv(
-            io.StringIO("".join(lines)),
+            io.StringIO("".join(lines.values())),
             dtype=str,
             keep_default_na=False,
             skipinitialspace=True,
@@ -196,14 +196,15 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
     of: dict[str, str] = {}
-    for line, row in enumerate(rows, 2):
+    numbers = list(lines)[1:]
+    for line, row in zip(numbers, rows, strict=False):
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
             raise UserError(
                 f"{table}: line {line}, column vehicle: a line above gives the vehicle file {before} for the "
                 f"same car {row['car']}: give the same file in all lines of a car"
             )
-    for line, row in enumerate(rows, 2):
+    for line, row in zip(numbers, rows, strict=False):
         for column in TABLE_COLUMNS[:2]:
             if not row[column]:
                 raise UserError(f"{table}: line {line}, column {column}: is empty")
