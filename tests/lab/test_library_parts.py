@@ -305,12 +305,15 @@ def test_what_was_learnt_is_refused_by_its_age_and_kind():
     filter_.estimate_rows(rows)
     learnt = filter_.save_learnt()
     assert len(learnt) == library().learnt_bytes
-    sd = []
-    for age in (-5.0, 0.0, 86400.0 * 10, 1e300):
+    day, sd = 86400.0, []
+    for age in (-5.0, 0.0, 10 * day, 40 * day, 1e300):
         other = NativeFilter(Config.exact())
         other.load_learnt(learnt, age)
-        sd.append(float(other.estimate_rows(make_rows(other, 1))["cy_front_sd"][0]))
-    assert sd[0] == sd[1] < sd[2] < sd[3]
+        out = other.estimate_rows(make_rows(other, 1))
+        sd.append(float(out["cy_front_sd"][0] / out["cy_front"][0]))
+    assert sd[0] == sd[1] and sd[3] < sd[4] < 0.4
+    assert sd[2] ** 2 - sd[1] ** 2 == pytest.approx(0.02**2 * 10, rel=0.02)  # 2 % in a day
+    assert sd[3] ** 2 - sd[1] ** 2 == pytest.approx(0.02**2 * 40, rel=0.02)
     with pytest.raises(LearntError, match="age is NaN; allowed: 0 s or more"):
         NativeFilter(Config.exact()).load_learnt(learnt, float("nan"))
     with pytest.raises(TypeError, match=r"learnt: bytes are needed, .* not str"):

@@ -447,6 +447,12 @@ def test_a_log_is_contradictory_if_most_rows_that_drive_are_and_the_last(reasons
         assert found.endswith("rows that drive: yaw_rate seems to be 2 times the true value")
 
 
+def test_a_contradictory_log_is_named_as_in_its_last_row():
+    table = make_contradiction(["implausible"] * 5 + ["held"] * 2)
+    table["fault_factor"] = [-1.0, -1.0, 9.0, 9.0, 3.0, 0.0, 0.0]
+    assert describe_implausible(table).endswith("yaw_rate seems to be 3 times the true value")
+
+
 @pytest.mark.parametrize(
     ("agreed", "held", "channel", "factor", "whole"),
     [
@@ -517,6 +523,8 @@ def test_spells_are_in_order_of_their_start_with_their_largest_probability():
     fault[[4, 5, 7]] = 0.91, 0.97, 0.9
     found = find_spells(pd.DataFrame({"time": time, "p_sliding": slide, "p_fault": fault}))
     assert found == [Spell("fault", 1.0, 1.75, 0.97), Spell("sliding", 5.0, 5.25, 0.95)]
+    other = find_spells(pd.DataFrame({"time": time, "p_sliding": fault, "p_fault": slide}))
+    assert [(x.what, x.start) for x in other] == [("sliding", 1.0), ("fault", 5.0)]
     assert find_spells(pd.DataFrame({"time": time, "p_sliding": slide - 0.06})) == []
     assert found[0].name == "fault" and Spell("fault", 0, 1, 1, "yaw_rate").name == "yaw_rate at fault"
 
@@ -771,8 +779,10 @@ def quiet(monkeypatch) -> None:
 CAR = {"mass": 1600.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
 
 
-def prepare(log, average=None, options=None, form="default", settings=None, **more) -> single.Prepared:
-    car = make_vehicle(dict(CAR), Path("car.toml"))
+def prepare(
+    log, average=None, options=None, form="default", settings=None, car=None, **more
+) -> single.Prepared:
+    car = car or make_vehicle(dict(CAR), Path("car.toml"))
     return single.assemble_run(car, log, None, average, options or {}, form, settings or {}, **more)
 
 
@@ -819,6 +829,14 @@ def test_a_late_lateral_channel_is_a_warning_of_the_default_filter(form, monkeyp
             prepare(make_log(), form=form, strict=True)
 
 
+def test_an_implausible_vehicle_file_is_a_warning_and_its_notes_are_notes(quiet):
+    car = make_vehicle(CAR | {"uncertainty": {"mass_sd": 0.01}}, Path("car.toml"))
+    car.wrong, car.notes = ["the mass is odd"], ["a table is unknown"]
+    made = prepare(make_log(), car=car)
+    assert made.warnings == ["the mass is odd"] and "a table is unknown" in made.notes
+    assert made.vehicle.found == []  # its uncertainty is stated: nothing is to be calibrated
+
+
 def test_an_uncalibrated_car_says_so_unless_it_was_calibrated(quiet, monkeypatch):
     log = make_log()
     assert prepare(log).vehicle.found == [NOT_ASKED] and prepare(log, form="robust").vehicle.found == []
@@ -860,7 +878,7 @@ def test_channels_that_contradict_each_other_are_not_calibrated_with(monkeypatch
         assert "contradict each other" in words and (single.PERHAPS in words) != bool(certain)
 
 
-def test_a_road_gives_the_sd_of_its_angles_unless_one_is_stated(quiet):
+def test_a_road_gives_the_sd_of_its_angles_unless_one_is_stated(quiet, monkeypatch):
     s = np.arange(0.0, 500.0, 5.0)
     road = make_road(s, x=s, y=0 * s).with_profile(s, 0 * s + 0.01, bank_sd=0 * s + 0.007)
     t = np.arange(0.0, 20.0, 0.02)
@@ -869,6 +887,9 @@ def test_a_road_gives_the_sd_of_its_angles_unless_one_is_stated(quiet):
     assert made.config.road_sd == pytest.approx(0.007) and made.log.extra["bank"].iloc[500] == pytest.approx(
         0.01
     )
+    monkeypatch.setattr(single, "calibrate_once", lambda *_: single.keep_class("of a test"))
+    again = prepare(log, road=road, calibrate=single.Calibrate())
+    assert [n.split(":")[0] for n in again.notes].count("road from road") == 1
     stated = prepare(log, road=road, options={"road_sd": 0.02})
     assert stated.config.road_sd == 0.02
     assert prepare(log).config.road_sd == Config().road_sd and "bank" not in log.extra
