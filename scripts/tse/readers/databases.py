@@ -175,11 +175,12 @@ def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     `odd` receives what is left out."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
-    for more in ([x for _, x in others], []):
-        if (found := _load(cantools, [*whole, *more])) is not None:
-            if not more and others:
-                odd.add(others[0][0], f"{len(others)} lines of values and comments are left out")
-            return found
+    if (found := _load(cantools, [*whole, *(x for _, x in others)])) is not None:
+        return found
+    if others:
+        odd.add(others[0][0], f"{len(others)} lines of values and comments are left out")
+    if (found := _load(cantools, whole)) is not None:
+        return found
     kept: list[Any] = []
     for m in messages:
         found = _load(cantools, [m.text(m.signals)])
