@@ -206,10 +206,19 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
     begin = text[:4096]
     check_rows(path, "[data]", text.count("\n"), 5)
     decimal = "," if "," in begin and "." not in begin else "."
+    source = io.StringIO(text)
+    # pandas takes the number of cells from the first row, so it begins at one that fits
+    skipped = next((i for i, x in enumerate(source) if 0 < len(x.split()) <= len(names)), None)
+    if skipped is None:
+        raise UserError(
+            f"{path}: every row of [data] has more cells than [column names] has names ({len(names)})"
+        )
+    source.seek(0)
     with translate_parser_errors(path):
         table = pd.read_csv(
-            io.StringIO(text),
+            source,
             sep=r"\s+",
+            skiprows=skipped,
             names=range(len(names)),
             header=None,
             index_col=False,
@@ -223,10 +232,6 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
         notes.append(
             f"{rows - len(table)} rows of [data] have more cells than there are names of columns "
             f"({len(names)}): left out"
-        )
-    if table.empty:
-        raise UserError(
-            f"{path}: every row of [data] has more cells than [column names] has names ({len(names)})"
         )
     if not text.endswith("\n") and len(table) > 1:
         notes.append("the last row has no line break: it may be cut inside a number and is left out")
