@@ -17,6 +17,7 @@ from tse.readers.recording import (
     Recording,
     check_table_width,
     find_unused_name,
+    last_part,
     list_names,
     suggest_channels,
 )
@@ -452,8 +453,13 @@ _TIME_SUFFIXES = {  # last word of a name -> unit
 
 def _find_time_unit(name: str) -> str:
     """Return the unit of time in the last word of a name: time_ms gives ms. Return "" if
-    the last word is no unit of time."""
-    return _TIME_SUFFIXES.get((split_words(name) or [""])[-1], "")
+    the last word is no unit of time.
+
+    The name of the time in logs of openpilot, logMonoTime, is three words. It is searched
+    as a whole."""
+    return _TIME_SUFFIXES.get(
+        (split_words(name) or [""])[-1], _TIME_SUFFIXES.get(last_part(name).lower(), "")
+    )
 
 
 def _convert_dates(x: pd.Series) -> np.ndarray:
