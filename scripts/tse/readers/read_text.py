@@ -314,8 +314,14 @@ def _find_layout(
         raise UserError(f"{path}: is no table: no line holds numbers; readable: {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [len(c) == width and is_row(c) for c in cells]
+    # after a row of data, the next line that is not blank is a row of data, too
+    filled = [i for i, c in enumerate(cells) if c]
     first = next(
-        (i for i in range(len(good)) if good[i] and (i + 1 >= len(good) or good[i + 1] or not cells[i + 1])),
+        (
+            i
+            for i, after in zip(filled, [*filled[1:], -1], strict=True)
+            if good[i] and (after < 0 or good[after])
+        ),
         good.index(True),
     )
     if how.header is not None:
