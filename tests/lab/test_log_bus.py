@@ -609,11 +609,15 @@ def split(text: str) -> tuple[list, list, list[str]]:
     ],
 )
 def test_a_message_of_a_database_is_kept_repaired_or_left_out_with_its_signals(line, identifier, odd):
-    text = f'{line}\n SG_ a : 0|8@1+ (1,0) [0|1] "" X\nBO_ 200 N: 8 X\n SG_ b : 0|8@1+ (1,0) [0|1] "" X'
+    signal = ' SG_ {} : 0|8@1+ (1,0) [0|1] "" X\n'
+    text = (
+        f"BO_ 50 F: 8 X\n{signal.format('f')}{line}\n{signal.format('a')}BO_ 200 N: 8 X\n{signal.format('b')}"
+    )
     messages, _, said = split(text)
-    assert [m.identifier for m in messages] == [i for i in (identifier, 200) if i is not None]
-    assert [list(m.signals) for m in messages] == ([["a"]] if identifier is not None else []) + [["b"]]
-    assert len(said) == bool(odd) and all(odd in s and s.startswith("1: ") for s in said)
+    wanted = {50: ["f"], identifier: ["a"], 200: ["b"]}
+    wanted.pop(None, None)
+    assert {m.identifier: list(m.signals) for m in messages} == wanted
+    assert len(said) == bool(odd) and all(odd in s and s.startswith("3: ") for s in said)
 
 
 @pytest.mark.parametrize(

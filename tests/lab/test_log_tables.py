@@ -81,6 +81,7 @@ def test_lists_of_names_have_six_and_the_number_of_the_others():
     assert recording.list_names("abcdef") == "a, b, c, d, e, f"
     assert recording.list_names("abcdefgh") == "a, b, c, d, e, f and 2 more"
     assert recording.find_unused_name("a", {"b"}) == "a"
+    assert recording.find_unused_name("a", {"a", "a#3"}) == "a#2"
     assert recording.find_unused_name("a", {"a", "a#2", "a#4"}) == "a#3"
     said = recording.suggest_channels("zzz", ["Msg/Speed", "Rate"])
     assert said == "; it has Msg/Speed, Rate; 'tselab signals LOG' lists them"
@@ -351,6 +352,7 @@ RISE = np.arange(20) * 0.1
         ({"a b c time": RISE, "sec": RISE}, {}, "sec"),  # too many words
         ({"time": RISE[::-1], "t": RISE}, {}, "t"),  # a time increases
         ({"time": RISE[::-1], "speed": RISE}, {}, "time"),
+        ({"t": RISE[::-1], "time": RISE[::-1]}, {}, "time"),
         ({"time": np.repeat([0.0, 1.0], [1, 19]), "t": RISE}, {}, "t"),  # rises in 1 of 19 steps
         ({"time": np.repeat([0.0, 1.0, 2.0], [1, 18, 1]), "t": RISE}, {}, "time"),  # in 2 of 19
         ({"x": RISE[::-1], "counter [s]": RISE}, {}, "counter"),
@@ -441,7 +443,7 @@ def test_times_of_any_kind_become_seconds(column, options, wanted):
 
 def test_a_unit_of_time_that_is_guessed_is_named_and_a_wrong_one_is_refused():
     notes: list[str] = []
-    convert_to_seconds(LOG, Column("time", np.array([0.0, 10, 20, 20, 900])), notes)
+    convert_to_seconds(LOG, Column("time", np.array([0.0, 0, 0, 10, 10, 10, 20, 900])), notes)
     assert len(notes) == 1 and "rows are 10 apart, so the unit is taken as ms" in notes[0]
     with pytest.raises(UserError, match="time_unit: 'km' is no unit of time"):
         convert_to_seconds(LOG, Column("time", RISE), notes, ReadOptions(time_unit="km"))
@@ -452,6 +454,9 @@ def test_a_unit_of_time_that_is_guessed_is_named_and_a_wrong_one_is_refused():
 def pack(day: np.ndarray) -> np.ndarray:
     """Return times of day as HHMMSS.ss."""
     return np.floor(day / 3600) * 1e4 + np.floor(day / 60) % 60 * 100 + day % 60
+
+
+HOUR = 3590 + 0.5 * np.arange(800)
 
 
 def test_packed_times_go_on_after_midnight_over_missing_ones():
@@ -465,13 +470,14 @@ def test_packed_times_go_on_after_midnight_over_missing_ones():
     ("time", "packed"),
     [
         (pack(3590 + 0.5 * np.arange(40)), True),
-        (pack(3590 + 0.5 * np.arange(9)), False),  # too few
+        (pack(3597 + 0.5 * np.arange(9)), False),  # too few
+        (pack(3597 + 0.5 * np.arange(10)), True),
         (pack(3600 + 0.5 * np.arange(40)), False),  # within one minute
         (pack(3590 + 2.0 * np.arange(40)), False),  # too slow
         (3550 + 0.5 * np.arange(100), False),  # a count of seconds passes 60
         (240000 + pack(3590 + 0.5 * np.arange(40)), False),
-        (np.append(pack(3590 + 0.5 * np.arange(40)), 10170.0), False),  # 70 s
-        (np.append(pack(3590 + 0.5 * np.arange(40)), 17000.0), False),  # 70 min
+        (np.where(np.arange(800) == 60, 10075.0, pack(3590 + 0.5 * np.arange(800))), False),  # 75 s
+        (HOUR // 60 * 100 + HOUR % 60, False),  # 60 min and more
     ],
 )
 def test_times_of_day_in_one_number_have_minutes_of_sixty_seconds(time, packed):
