@@ -221,7 +221,7 @@ def test_a_table_of_frames_is_known_by_its_titles(line, columns):
 def test_a_row_of_bytes_has_as_many_as_its_length_states(tmp_path):
     text = (
         "time,id,ide,bus,rtr,len,d1,d2,d3\n"
-        "0.5,10,0,2,0,2,0A,0B,FF\n"
+        "0.5,10h,0,2,0,2,0A,0B,FF\n"
         "0.6,11x,0,2,0,1,0C,,\n"
         "0.7,12,true,1,0,4,01,02,03,04\n"
         "0.8,13,0,1,1,1,05,,\n"  # a remote frame
@@ -562,6 +562,20 @@ def test_error_frames_of_a_bus_and_times_that_fall_are_named(tmp_path):
     (tmp_path / "x.log").write_text("(0.4) can0 20000004#0000000000000000\n")
     with pytest.raises(UserError, match="has no frames"):
         read_recording(tmp_path / "x.log")
+
+
+def test_error_frames_are_counted_and_remote_frames_are_left_out():
+    def make(at: float, error: bool = False, remote: bool = False, **more) -> SimpleNamespace:
+        own = {"arbitration_id": 5, "is_extended_id": True, "channel": 2, "data": bytearray(b"\x01")} | more
+        return SimpleNamespace(timestamp=at, is_error_frame=error, is_remote_frame=remote, **own)
+
+    lines = Lines(Path("x"))
+    reader = [make(1.0), make(2.0, error=True), make(3.0, remote=True), make(4.0, channel=None)]
+    assert list(read_can._convert_frames(reader, lines)) == [
+        CanFrame(1.0, 5, True, "2", b"\x01"),
+        CanFrame(4.0, 5, True, "0", b"\x01"),
+    ]
+    assert lines.errors == 1
 
 
 def test_frames_of_an_mf4_have_the_columns_that_it_lacks_by_default():
