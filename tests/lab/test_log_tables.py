@@ -73,6 +73,8 @@ def test_a_channel_is_found_by_its_end_only_where_one_fits():
     assert [log.has(n) for n in ("rate", "speed", "a.fl", "fl", "ate")] == [True, True, True, False, False]
     with pytest.raises(UserError, match=r"s: 'fl' is the name of 2 channels in drive.csv: .* a.fl, b.fl"):
         log.find("fl", "s")
+    with pytest.raises(UserError, match=r"s: there is no 'ate' in drive.csv"):
+        log.find("ate", "s")
     with pytest.raises(UserError, match=r"s: there is no 'speeed' in drive.csv \(did you mean speed\?\)"):
         log.find("speeed", "s")
 
@@ -595,7 +597,7 @@ def test_the_layout_of_a_csv_is_found_or_given(text, options, values, unit, tmp_
 
 
 def test_the_layout_that_was_found_is_named_unless_it_is_plain(tmp_path):
-    plain = read_text.read(write(tmp_path, "time,v,\n0,1\n1,2\n"), ReadOptions())  # one separator too many
+    plain = read_text.read(write(tmp_path, "time,v,x\n0,1\n1,2\n"), ReadOptions())  # one name too many
     assert list(plain.channels) == ["v"] and plain.notes == []
     text = "logger X\ntime;v\ns;km/h\n0,5;1\n1,5;2\n"
     assert read_text.read(write(tmp_path, text), ReadOptions()).notes == [
