@@ -115,6 +115,7 @@ def test_no_changed_file_breaks_a_reader(name, tmp_path):
     assert (done, findings) == (RUNS_READERS, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not say what a process holds")
 def test_a_file_that_unpacks_without_end_is_refused(tmp_path):
     """A variable of 0.96 GB of zeros exceeds the memory that a command may take."""

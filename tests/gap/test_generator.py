@@ -219,6 +219,7 @@ def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
     assert s["vy"][-1] / v / s["r"][-1] == pytest.approx(sideslip, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
     s, c = plain["agile"].slow, make_baseline()
     delta, wheelbase = 0.18, c["lf"] + c["lr"]
@@ -663,6 +664,7 @@ def test_ratio_by_speed_and_active_steering_change_the_yaw_gain_by_their_law(run
         assert found == pytest.approx(h * law, abs=0.01 * abs(h)), name
 
 
+@pytest.mark.slow
 def test_a_sticking_sensor_logs_stairs_while_the_wheels_turn(cases):
     case = cases["stick"]
     logged = case.logs["slalom"]["steer_angle"]
@@ -824,6 +826,7 @@ def test_the_vehicle_file_tells_nothing_of_what_is_hidden():
     assert len(files) == 1
 
 
+@pytest.mark.slow
 def test_logs_depend_on_the_seed_only_not_on_what_else_is_in_the_batch():
     """The other car has all effects that a batch skips if no car has them."""
     one, two = (

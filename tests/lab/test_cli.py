@@ -258,6 +258,7 @@ def test_every_manoeuvre_gives_a_log_that_estimate_reads(name, tmp_path):
     assert len(read_log(tmp_path / "log.csv")) == 1201
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
     contents = []
     for i, seed in enumerate((7, 7, 8)):

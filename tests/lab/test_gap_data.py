@@ -211,6 +211,7 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
         assert ex.choose_excerpt(problem, fit_parameters(problem, STIFFNESS_PARAMETERS, {})) is problem
 
 
+@pytest.mark.slow
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
     """A car rolls in 48 s of log, of which 20 s are searched.
 
@@ -280,7 +281,9 @@ def clean(tmp_path_factory) -> Clean:
     return Clean(vehicle, result.problem, read[0], {d["id"]: d for d in told})
 
 
-@pytest.mark.parametrize("effect", ["steering_ratio", "lateral_load_transfer"])
+@pytest.mark.parametrize(
+    "effect", [pytest.param("steering_ratio", marks=pytest.mark.slow), "lateral_load_transfer"]
+)
 def test_twice_the_smallest_size_is_named_and_half_of_it_is_not(clean, effect):
     """The evidence grows with the square of the size: 4 and 1/4 of what a name needs.
 

@@ -219,6 +219,7 @@ def run(tmp_path_factory):
     return folder, logs, done
 
 
+@pytest.mark.slow
 def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err

@@ -231,6 +231,7 @@ def test_picture_is_a_png(case):
     assert (case.out / "gap.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_exit_0_and_nothing_of_an_earlier_run_is_left(tmp_path):
     stale = [tmp_path / "out" / name for name in ("formula.toml", "tse_formula.h", "road.csv", "road_2.csv")]
     (tmp_path / "out").mkdir()

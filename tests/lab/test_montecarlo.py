@@ -475,6 +475,7 @@ def alone(tmp_path_factory) -> pd.DataFrame:
     )
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
     done = tselab(
         "montecarlo",
@@ -519,7 +520,7 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
 @pytest.mark.parametrize(
     ("send", "what"),
     [
-        (os.killpg, signal.SIGINT),
+        pytest.param(os.killpg, signal.SIGINT, marks=pytest.mark.slow),
         (os.kill, signal.SIGTERM),
     ],  # a terminal tells the workers, too; kill does not
     ids=["ctrl-c", "kill"],
