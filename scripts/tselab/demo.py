@@ -90,7 +90,7 @@ GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-STIFFNESS_SPREAD = 0.02  # sd of the stiffness from sample to sample, as a fraction of the mean stiffness
+STIFFNESS_SPREAD = 0.02  # sd of the stiffness drawn anew in every row, relative to its mean
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
 
@@ -201,7 +201,7 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
     )
 
 
-# ---- The same drive as an MF4 of a data logger: find the signals, estimate
+# ---- The same drive as an MF4 of a data logger: find which signals are the channels
 
 
 RATIO = 15.3  # steering ratio

@@ -35,8 +35,8 @@
 static int32_t get_previous_index(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 static int32_t get_next_index(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
 
-/* Append a row to the ring. It is `before` seconds later than the newest row. A value out
- * of range is stored as missing. */
+/* Append a row to the ring. A value out of range is stored as missing.
+ *   Given:  before  [s] time since the row that is the newest in the ring so far */
 static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
   const int32_t at = m->count > 0 ? get_next_index(m->newest) : 0;

@@ -174,7 +174,10 @@ static tse_real compute_scale(const tse_agreement *a)
  * two pairs. In each pair, (variance of the quantity computed from the speed)/(variance
  * of the acceleration) is the squared factor. The result is the geometric mean of both
  * ratios. This needs less excitation than the sums of update_scale(), but is less
- * accurate, because noise and road slopes also increase the variances. */
+ * accurate, because noise and road slopes also increase the variances.
+ *   Given:  across  lateral pair: var[0] from the speed, var[1] of accel_y
+ *           along   longitudinal pair: var[1] from the speed
+ *           first   variance of accel_x, without the part that road slopes can cause */
 static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),

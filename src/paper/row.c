@@ -26,11 +26,12 @@ static tse_real find_max_wheel_speed(const sample *y)
 
 /* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
  * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness fits the data equally well. The criterion uses the regressor phi
- * of the stiffness: the derivative of a measurement with respect to w, its relative
- * deviation, divided by the sd of the sensor. It is an element of the matrix d of (9).
- * Let the stiffness be estimated from `memory` samples. The noise variance of a sample is
- * 1 + phi^2 spread^2. The variance of the estimate is then
+ * a different stiffness fits the data equally well. Let w be the relative deviation of
+ * the stiffness from nominal. The criterion uses its regressor phi: the derivative of a
+ * measurement with respect to w, divided by the sd of the sensor. It is an element of the
+ * matrix d of (9). In every sample, w differs at random from its mean, with the sd
+ * `spread`. Relative to the sensor, the noise variance of a sample is therefore
+ * 1 + phi^2 spread^2. If the mean of w is estimated from `memory` samples, its variance is
  *   (1 + E[phi^2] spread^2)/(memory var(phi)).
  * The stiffness counts as excited if this is at most valid_sd^2. Otherwise its estimate
  * is reported as not valid; the estimate itself does not depend on the result. E and var

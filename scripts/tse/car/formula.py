@@ -726,8 +726,8 @@ def _describe_allowed() -> str:
 
 
 def _advise_literal(*parts: ast.expr) -> str:
-    """Return advice for the message on a wrong unit if one of `parts`, parts of the
-    expression, contains no name; otherwise ""."""
+    """Return advice for the message on a wrong unit. Return "" if every part of the
+    expression that is in `parts` contains a name."""
     if all(any(isinstance(node, ast.Name) for node in ast.walk(part)) for part in parts):
         return ""
     return "; a literal has no unit: replace it by a name, with value and unit in [numbers.<name>]"

@@ -779,7 +779,8 @@ def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
 
 
 def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
-    """Return the warning: causes, factors, and the ratios before and after correction."""
+    """Return the warning that lists the causes, the factor by which each cause makes its
+    channel wrong, and the ratios that change: before and after the causes are corrected."""
     moved = [
         n
         for n in before.value

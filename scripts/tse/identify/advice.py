@@ -216,9 +216,11 @@ def _compute_information(
 
 
 def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
-    """Return a log of a manoeuvre with the same channels and noise as the recorded logs.
+    """Return a log of a manoeuvre with the same channels and noise sd as the recorded
+    logs. It has inputs (steering angle and wheel speeds).
 
-    All measured values are 0: only partial derivatives of the simulation are needed.
+    The measurements that are compared with the simulation are 0: only partial derivatives
+    of the simulation are needed, which do not depend on them.
     """
     like = problem.logs[0]
     time = like.step * np.arange(

@@ -163,8 +163,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
-    # Tyres and camber make the friction of the two axles different. The ratio front /
-    # rear is 0.8 .. 1.2
+    # Tyres and camber make the friction of the two axles different. A balance of b means
+    # a ratio front/rear of (1 - b)/(1 + b): with the sd of 0.1, 0.8 .. 1.2
     Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),

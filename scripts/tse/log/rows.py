@@ -402,7 +402,7 @@ def _join_wheels(
 ) -> dict[str, float]:
     """Replace the two wheels of each axle by their mean.
 
-    Return the turn ratio of each axle, see _average_axle()."""
+    Return for each axle (right - left wheel speed) / yaw rate, see _average_axle()."""
     per_turn = {}
     for axle, pair in sides.items():
         mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)

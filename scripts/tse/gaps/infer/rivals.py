@@ -154,13 +154,15 @@ def explain_remainder(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
     """Search for formulas. Return the result of the formula search, the named effects,
-    and a list of all worlds that were compared.
+    and a list of all worlds that were compared. A world is a combination of named effects
+    and a formula (or none) that could be the truth.
 
     Formula and named effects are those of the world that Worlds.find_best() returns. An
     effect of this world loses its name if the product of two probabilities is below
-    NAME_AT. The first is the probability that the vehicle file lacks this effect, or an
-    effect that replaces it in other sets of the search (Named.whole). The second is the
-    total probability of the worlds in which this effect is named (Worlds.with_name()).
+    NAME_AT. The first is Named.whole: the probability that the vehicle file lacks this
+    effect, or lacks one of the effects that take its place in other sets of effects. The
+    second is the total probability of the worlds that name this effect
+    (Worlds.with_name()).
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the named effects together close less than {100 * MIN_TOGETHER:.0f} % of the gap"

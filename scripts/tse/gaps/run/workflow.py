@@ -114,8 +114,8 @@ class GapResult(Found):
     # named effects are left out, because the logs cannot distinguish them from the named
     # effects.
     undetectable: list[detect.Detectable]
-    # for every effect that is not named, the smallest size at which it would be visible.
-    # It also has the effects whose smallest visible size is below their typical size.
+    # For every effect that is not named, the smallest size at which it would be visible,
+    # also if this is below its typical size. `undetectable` has only those above it.
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     # the held-out logs. If a held-out log was driven on a road of the fitted logs, it has
