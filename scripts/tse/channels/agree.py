@@ -780,7 +780,7 @@ def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
 
 def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
     """Return the warning that lists the causes, the factor by which each cause makes its
-    channel wrong, and the ratios that change: before and after the causes are corrected."""
+    channel wrong, and the ratios that change, before and after the correction."""
     moved = [
         n
         for n in before.value
