@@ -402,7 +402,8 @@ class Search:
             there = max(near, key=get_evidence)
             if get_evidence(there) < get_evidence(best) + WORTH:
                 first = sorted(out, key=lambda o: -get_evidence(best | {o}))[:PAIRED]
-                near = [best | {a, b} for a in first for b in out if a != b]
+                room = len(best) + 2 <= MAX_EFFECTS
+                near = [best | {a, b} for a in first for b in out if a != b and room]
                 near += [best - {i, k} | {o} for i in best for k in best if i < k for o in out]
                 there = max(near, key=get_evidence, default=best)
             if get_evidence(there) < get_evidence(best) + WORTH:
