@@ -5,15 +5,17 @@ noise and biases. All is seeded.
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
+from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.drives import Candidate, make_candidates, prepare_candidate
-from tse.gaps.problem import Problem
-from tse.identify.data import prepare
+from tse.gaps.problem import Problem, Rows
+from tse.identify.data import COMPARED_CHANNELS, FitStretch, PreparedLog, prepare
 from tse.library.core import Config, Replay
 from tse.log.rows import MEASURES
 
@@ -74,6 +76,73 @@ def make_problem(vehicle: Path, *logs: Path) -> Problem:
     """Return the problem of these logs, with the settings of the vehicle file."""
     config = Config.exact(read_vehicle(vehicle).values)
     return Problem([prepare(read_log(p), config) for p in logs], config)
+
+
+def make_parameter(
+    name: str = "x",
+    typical: tuple[float, float] = (0.1, 0.3),
+    limits: tuple[float, float] = (-1.0, 1.0),
+    negligible: float = 0.01,
+    **more: object,
+) -> CatalogueParameter:
+    """Return a parameter that is in no catalogue: a strength, unless stated."""
+    rest = {"key": name, "strength": True, "unit": "1", "default": 0.0, "sign": 0, "text": ""} | more
+    return CatalogueParameter(
+        name=name,
+        low=limits[0],
+        high=limits[1],
+        typical_low=typical[0],
+        typical_high=typical[1],
+        negligible=negligible,
+        **rest,
+    )
+
+
+NOISE = {"accel_x": 0.1, "accel_y": 0.2, "yaw_rate": 0.01}  # of a row, in make_prepared()
+
+
+def make_prepared(
+    name: str = "log",
+    rows: int = 300,
+    speed: float = 20.0,
+    steer: np.ndarray | float = 0.0,
+    measured: dict[str, np.ndarray | float] | None = None,
+    **more: object,
+) -> PreparedLog:
+    """Return a log with rows of 10 ms in blocks of 4, without a file.
+
+    Wheels of 0.33 m roll at `speed`, and the first second is not compared. `measured`: of
+    the sensors that the log has; each reads 0 unless stated.
+    """
+    time = 0.01 * np.arange(rows)
+    wheels = dict.fromkeys(("wheel_speed_front", "wheel_speed_rear"), np.full(rows, speed / 0.33))
+    sensors = dict.fromkeys(MEASURES, 0.0) if measured is None else measured
+    rest = {"stretches": [FitStretch(0, rows, time >= 1.0)], "noise": NOISE} | more
+    return PreparedLog(
+        path=Path(f"{name}.csv"),
+        time=time,
+        inputs={"steer_angle": np.zeros(rows) + steer} | wheels,
+        measured={c: np.zeros(rows) + x for c, x in sensors.items()},
+        rows_per_block=4,
+        distance=speed * time,
+        **rest,
+    )
+
+
+def make_groups(*parts: tuple[str, list[float]]) -> tuple[SimpleNamespace, np.ndarray]:
+    """Return a problem with a log for each pair of channel and residuals, and these."""
+    sizes = [len(x) for _, x in parts]
+    channel = np.repeat([COMPARED_CHANNELS.index(c) for c, _ in parts], sizes)
+    group, time = (
+        np.repeat(np.arange(len(parts)), sizes),
+        np.concatenate([0.04 * np.arange(n) for n in sizes]),
+    )
+    rows = Rows(group, channel, time, np.arange(sum(sizes)), group)
+    problem = SimpleNamespace(rows=rows, weight=np.ones(sum(sizes)), noise_energy=np.ones(sum(sizes)))
+    problem.used = lambda: (
+        (COMPARED_CHANNELS[c], (channel == c) & (problem.weight > 0)) for c in np.unique(channel)
+    )
+    return problem, np.concatenate([x for _, x in parts]).astype(float)
 
 
 def find_candidate(config: Config, name: str) -> Candidate:

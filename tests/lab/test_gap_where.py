@@ -5,18 +5,20 @@ model, not by the filter that looks for them.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from gap_logs import STIFFNESS, make_problem, write_car, write_log
-from tse.gaps.fit import fit_parameters
-from tse.gaps.infer import where
+from gap_logs import STIFFNESS, make_groups, make_prepared, make_problem, write_car, write_log
+from tse.gaps.fit import Fit, fit_parameters
+from tse.gaps.infer import remainder, where
 from tse.gaps.infer.remainder import is_noise, remove_spikes, remove_walk
 from tse.gaps.problem import STIFFNESS_PARAMETERS as PARAMETERS
-from tse.identify.data import BLOCK_TIME
+from tse.gaps.problem import Problem
+from tse.identify.data import BLOCK_TIME, simulate
 from tse.library.core import Config
 
 STEP = 0.04  # s, a block
@@ -135,6 +137,106 @@ def test_nothing_gives_no_entry_evidence(clean):
     assert max(e.nats for e in where.find_entries(problem, baseline)) < 8
 
 
+def test_a_disturbance_is_located_only_where_both_lateral_sensors_are():
+    p = Problem([make_prepared(measured={"accel_x": 0.0, "yaw_rate": 0.0})], Config.exact())
+    assert where.find_entries(p, Fit([], {}, np.zeros(100), np.zeros((100, 0)))) == []
+
+
+# ---- conditions
+
+
+def test_features_are_magnitudes_of_inputs_and_of_the_simulation():
+    """The car brakes by 2 m/s2 and turns its wheels to the right by 0.02 rad/s."""
+    time = 0.01 * np.arange(300)
+    log = make_prepared(steer=-0.02 * time)
+    for axle in ("front", "rear"):
+        log.inputs[f"wheel_speed_{axle}"] = (20.0 - 2.0 * time) / 0.33
+    p = Problem([log], Config.exact())
+    found = where.compute_features(p, {"cy_front": 0.9})
+    channels = ("accel_x", "accel_y", "vel_x")
+    out = simulate(p.make_config({}), log, channels, {"cy_front": 0.9}, {})
+    x = {c: v[220:224].mean() for c, v in out.items()}  # block 30 of each channel
+    assert x["accel_y"] < -0.1 and x["accel_x"] == pytest.approx(-2.0, abs=0.1)
+    at = [30, 80, 130]
+    expected = {
+        "speed": x["vel_x"],
+        "|accel_y|": -x["accel_y"],
+        "|accel_x|": -x["accel_x"],
+        "|steering angle|": 0.02 * 2.215,
+        "|steering rate|": 0.02,
+        "|slip|": abs((20.0 - 2.0 * 2.215) / x["vel_x"] - 1.0),
+        "time": 2.215,
+    }
+    assert found.keys() == expected.keys() and expected["|slip|"] > 0.001
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name][at], value, rtol=1e-6, err_msg=name)
+
+
+def make_windows(monkeypatch, rows_apart: float, **features: np.ndarray) -> SimpleNamespace:
+    """Return a problem of accel_y and yaw_rate with these features of its blocks."""
+    n = len(next(iter(features.values())))
+    problem, _ = make_groups(("accel_y", np.zeros(n)), ("yaw_rate", np.zeros(n)))
+    time = np.tile(rows_apart * np.arange(n), 2)
+    problem.rows = replace(problem.rows, log=np.zeros(2 * n, int), time=time)
+    both = {name: np.tile(x, 2) for name, x in features.items()}
+    monkeypatch.setattr(where, "compute_features", lambda *_: both)
+    return problem
+
+
+def test_residuals_that_grow_with_a_signal_are_large_where_it_is_high(monkeypatch):
+    """Those of accel_y grow with the speed, those of yaw_rate fall, less clearly."""
+    speed = np.linspace(5.0, 30.0, 1500)
+    p = make_windows(monkeypatch, 0.04, speed=speed, still=np.ones(1500))
+    rng = np.random.default_rng(3)
+    e = np.concatenate([speed * np.tile([1.0, -1.0], 750), (40.0 - speed) * rng.standard_normal(1500)])
+    first, second = where.find_conditions(p, e, {})
+    assert (first.channel, first.condition) == ("accel_y", "high speed")
+    assert first.strength == pytest.approx(1.0)
+    assert (second.channel, second.condition) == ("yaw_rate", "low speed")
+    assert -1.0 < second.strength < -0.7
+    assert where.find_conditions(p, -e, {}) == [first, second]  # of either sign
+
+
+def test_windows_are_those_of_each_log(monkeypatch):
+    """In the second log the speed falls: at the same time the sum is constant."""
+    rise = np.linspace(5.0, 30.0, 750)
+    p = make_windows(monkeypatch, 0.04, speed=np.concatenate([rise, rise[::-1]]))
+    one = np.repeat([0, 1], 750)
+    p.rows = replace(p.rows, log=np.tile(one, 2), time=np.tile(0.04 * np.arange(750), 4))
+    e = np.tile(np.concatenate([rise, rise[::-1]]), 2) * np.tile([1.0, -1.0], 1500)
+    found = where.find_conditions(p, e, {})
+    assert [(c.channel, c.condition) for c in found] == [
+        ("accel_y", "high speed"),
+        ("yaw_rate", "high speed"),
+    ]
+    assert min(c.strength for c in found) > 0.999
+
+
+@pytest.mark.parametrize(("windows", "there"), [(19, 0), (20, 2)])
+def test_few_windows_show_no_condition(monkeypatch, windows, there):
+    speed = np.linspace(5.0, 30.0, 25 * windows)
+    p = make_windows(monkeypatch, 0.04, speed=speed)
+    assert len(where.find_conditions(p, np.tile(speed, 2), {})) == there
+
+
+def test_conditions_are_neither_weak_nor_due_to_chance(monkeypatch):
+    """Of 4000 windows a correlation of 0.1 is certain, of 60 one of 0.25 is not."""
+    rng = np.random.default_rng(8)
+    drawn = rng.standard_normal(4000)
+    p = make_windows(monkeypatch, 1.0, weak=drawn, strong=drawn + rng.standard_normal(4000))
+    energy = np.exp(0.1 * drawn + rng.standard_normal(4000)), np.exp(drawn + rng.standard_normal(4000))
+    found = where.find_conditions(p, np.sqrt(np.concatenate(energy)), {})
+    assert [(c.channel, c.condition) for c in found] == [
+        ("yaw_rate", "high weak"),
+        ("yaw_rate", "high strong"),
+    ]
+    assert found[0].strength > found[1].strength > 0.15
+    x = np.arange(60.0)
+    y = 0.25 * (x - 29.5) / np.std(x) + np.random.default_rng(1).standard_normal(60)
+    few = make_windows(monkeypatch, 1.0, weak=x)
+    assert where.find_conditions(few, np.sqrt(np.tile(np.exp(y), 2)), {}) == []
+
+
 # ---- the remainder
 
 
@@ -189,3 +291,94 @@ def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
     assert np.abs(rest[[100, 800, 1600]]).max() < 3.0
     np.testing.assert_array_equal(rest[2000:2003], spiked[2000:2003])
     assert np.mean(rest != spiked) < 0.005
+
+
+def test_a_spike_is_replaced_by_its_neighbours_within_its_log() -> None:
+    x = np.tile([1.0, -1.0], 10)
+    x[[0, 5, 9, 10, 15, 19]] = 30.0  # two logs of 10 blocks: at their ends, and inside
+    x[7] = 5.0  # less than 1.25 times three sd
+    log = np.repeat([0, 1], 10)
+    rest = remove_spikes(x, log)
+    assert (rest[5], rest[15]) == (1.0, 1.0)  # both neighbours are 1
+    inside = np.delete(np.arange(20), [5, 15])
+    np.testing.assert_array_equal(rest[inside], x[inside])
+    assert x[5] == 30.0  # in a copy
+    np.testing.assert_array_equal(remove_spikes(np.array([1.0, 30.0]), log[:2]), [1.0, 30.0])
+
+
+def test_the_walk_of_a_bias_is_in_units_of_the_noise_of_a_block() -> None:
+    """0.005 m/s2/sqrt(s) over 40 ms; the weight is 1 / sd of a block."""
+    p = SimpleNamespace(weight=np.array([50.0, 100.0, 900.0, 7.0]))
+    rows = np.array([True, True, True, False])
+    assert remainder.estimate_walk(p, rows, "accel_y") == pytest.approx(0.005 * 0.2 * 100.0)
+    assert remainder.estimate_walk(p, rows, "yaw_rate") == pytest.approx(0.0003 * 0.2 * 100.0)
+    assert remainder.estimate_walk(p, rows, "ins_vel_x") == 0.0
+
+
+def test_a_short_span_has_half_of_what_is_above_the_noise() -> None:
+    time = np.tile(0.04 * np.arange(750), 4)
+    e = np.ones(3000)  # noise
+    e[2250 + np.array([100, 101, 102, 103])] = np.sqrt(10.0)
+    e[2250 + 400] = np.sqrt(7.0)
+    begin, end, log = remainder.find_short_span(e, LOG, time)  # 21 of 42: three of the four
+    assert (begin, end, log) == (pytest.approx(4.0), pytest.approx(4.08), 3)
+    e[50] = np.sqrt(1.0 + 60.0)  # more than all of the other log
+    assert remainder.find_short_span(e, LOG, time) == (pytest.approx(2.0), pytest.approx(2.0), 0)
+    both = np.ones(3000)
+    both[[10, 760, 1510]] = 9.0  # a third in each of three logs
+    assert remainder.find_short_span(both, LOG, time) is None
+    one = np.zeros(1000, int)
+    for rows, there in ((299, True), (310, False)):  # half of them: 15 % of all
+        long = np.ones(1000)
+        long[:rows] = 2.0
+        found = remainder.find_short_span(long, one, 0.04 * np.arange(1000))
+        assert (found is not None) is there
+
+
+def find_kind(
+    monkeypatch, e: np.ndarray, conditions: tuple[where.Condition, ...] = ()
+) -> remainder.Remainder:
+    monkeypatch.setattr(remainder, "find_conditions", lambda *_: list(conditions))
+    p = SimpleNamespace(
+        rows=SimpleNamespace(log=LOG, time=np.tile(0.04 * np.arange(750), 4)),
+        weight=np.full(3000, 100.0),
+        logs=[SimpleNamespace(name=f"log {k}") for k in range(4)],
+        used=lambda: [("accel_y", np.ones(3000, bool))],
+    )
+    (found,) = remainder.find_remainders(p, e, {}, 1.2)
+    assert found.channel == "accel_y" and found.gap == pytest.approx(np.sqrt(np.mean(e**2)))
+    return found
+
+
+def test_what_remains_is_classified(monkeypatch) -> None:
+    noise = draw_white(5)
+    assert find_kind(monkeypatch, noise).words == "accel_y: noise only"
+    spiked = noise.copy()
+    spiked[100::300] = 40.0
+    found = find_kind(monkeypatch, spiked)
+    assert found.kind == "noise" and found.words.endswith("apart from single spikes or a drifting bias")
+    walk = np.concatenate([np.cumsum(0.1 * draw_white(20 + k)[:750]) for k in range(4)])
+    assert find_kind(monkeypatch, noise + walk).words == found.words
+    found = find_kind(monkeypatch, 1.5 * noise)
+    assert found.kind == "noise" and found.words.startswith("accel_y: noise only, 1.4")
+    burst = noise.copy()
+    burst[1600:1640] += 15.0 * np.sin(0.3 * np.arange(40))
+    found = find_kind(monkeypatch, burst)
+    assert found.kind == "localised" and "half of the remaining error is in log 2 between" in found.words
+    begin, end = (float(x) for x in found.words.partition("between ")[2].removesuffix(" s").split(" and "))
+    assert 4.0 <= begin < end <= 5.6
+
+
+def test_a_disturbance_is_stated_with_its_strongest_condition(monkeypatch) -> None:
+    swing = draw_white(6) + 3.0 * np.sin(2 * np.pi * 0.6 * BLOCK_TIME * np.arange(3000))
+    size = np.sqrt(np.mean(swing**2))
+    found = find_kind(monkeypatch, swing)
+    assert found.kind == "disturbance"
+    assert found.words == f"accel_y: the remaining error is {size:.2f} times the noise"
+    conditions = [
+        ("yaw_rate", "low time", 0.9),
+        ("accel_y", "high speed", 0.8),
+        ("accel_y", "low speed", -0.3),
+    ]
+    found = find_kind(monkeypatch, swing, tuple(where.Condition(*c) for c in conditions))
+    assert found.words.endswith("times the noise, largest at high speed")
