@@ -470,3 +470,58 @@ def test_a_formula_is_stated_with_its_sd_and_with_what_was_driven():
     assert list(found.formula.found["logs"]) == ["a", "b"]
     assert "driven_vel_x" not in found.formula.found and "driven_dt" not in found.formula.found
     assert found.words[0].startswith("A formula closes 57 % of the remaining gap: k*yaw_rate, at yaw_moment.")
+
+
+# ---- the search as a whole
+
+
+def test_every_form_is_compared_with_its_own_gain_less_its_price(monkeypatch):
+    """More forms than are compared at a time; the signals are those of two logs."""
+    forms = [FormulaTerm("yaw_rate" + "*vel_x" * (k % 3), (0, 0)) for k in range(70)]
+    at = [{"dt": np.ones(2)}, {"dt": np.ones(3)}]
+    asked = []
+
+    def gain(frame, place, logs):
+        asked.append([x.shape for x in logs])
+        return [(float(x), -float(x)) for x in logs[0][0]]
+
+    index = iter(range(1000))
+    monkeypatch.setattr(terms, "list_forms", lambda place: forms)
+    monkeypatch.setattr(terms, "compute_values", lambda t, s, dt: np.full(len(dt), float(next(index))))
+    monkeypatch.setattr(search, "compute_expected_gain", gain)
+    found = search.screen_forms(SimpleNamespace(at=at), "force_y")
+    assert asked == [[(2, 64), (3, 64)], [(2, 6), (3, 6)]]
+    assert [x[2] for x in found] == forms and {x[1] for x in found} == {"force_y"}
+    gains = [*range(64), *range(128, 134)]  # of the first log
+    expected = [(g - 2.0 * (1 + k % 3 + 1), -g) for k, g in enumerate(gains)]
+    assert [(x[0], x[3]) for x in found] == expected
+
+
+def test_candidates_are_simulated_from_the_best_on_and_the_best_fit_comes_first(monkeypatch):
+    a, b = FormulaTerm("a", (0, 0)), FormulaTerm("b", (0, 0))
+    screened = {
+        "force_y": [(1.0, "force_y", a, 0.1), (7.0, "force_y", b, 0.2)],
+        "accel_x": [(4.0, "accel_x", a, 0.3)],
+    }
+    fitted, said, chosen = [], [], []
+    worth = {"force_y b": 2.0, "accel_x a": 5.0, "force_y a": 3.0}
+
+    def fit(frame, place, term, coefficient):
+        fitted.append((place, term.text, coefficient))
+        return [SimpleNamespace(nats=worth[f"{place} {term.text}"])]
+
+    monkeypatch.setattr(search.Frame, "of", lambda p, last: ("frame", p, last))
+    monkeypatch.setattr(search, "_list_places", lambda p: list(screened))
+    monkeypatch.setattr(search, "screen_forms", lambda frame, place: screened[place])
+    monkeypatch.setattr(search, "_fit_formula", fit)
+    monkeypatch.setattr(search, "_choose_formula", lambda *x: chosen.append(x) or "the choice")
+    assert search.discover_formula("problem", "last", "held", said.append) == "the choice"
+    assert fitted == [("force_y", "b", 0.2), ("accel_x", "a", 0.3), ("force_y", "a", 0.1)]
+    ((frame, tried, held),) = chosen
+    assert frame == ("frame", "problem", "last") and held == "held"
+    assert [c.nats for c in tried] == [5.0, 3.0, 2.0]
+    assert said[1:] == [
+        f"searching for a formula: {k} of 3, {x}"
+        for k, x in ((1, "b at force_y"), (2, "a at accel_x"), (3, "a at force_y"))
+    ]
+    assert "at 2 places" in said[0]

@@ -523,6 +523,38 @@ def test_a_profile_that_is_not_found_does_not_act_on_the_car(monkeypatch):
     assert none.found == [] and none.logs[0].road == {} and none.fit is None
 
 
+def test_laps_of_a_road_have_one_profile(monkeypatch):
+    """Laps are sought in the logs that are compared, and their roads are written."""
+    logs = [make_prepared("a"), make_prepared("empty", stretches=[]), make_prepared("b", speed=30.0)]
+    laid, sought, made = [], [], []
+    laps = SimpleNamespace(
+        distance=[log.distance for log in (logs[0], logs[2])], of=[0, 0], path=["way", None, "far"]
+    )
+
+    def fit(problem, x, z, say):
+        laid.append((problem.road.count, problem.road.road))
+        equations = SimpleNamespace(compute_road_sd=lambda: "sd")
+        return SimpleNamespace(equations=equations, z=np.arange(float(len(problem.road))), search="x")
+
+    monkeypatch.setattr(roads, "find_laps", lambda read, config: sought.append(read) or laps)
+    monkeypatch.setattr(
+        roads, "CarProblem", lambda own, c, p, j, road, lean: SimpleNamespace(groups=[0], road=road)
+    )
+    monkeypatch.setattr(roads, "make_prior", lambda *_: None)
+    monkeypatch.setattr(roads, "fit", fit)
+    monkeypatch.setattr(roads, "make_profile", lambda *x: made.append(x) or x[0])
+    monkeypatch.setattr(
+        roads, "_judge_profile", lambda kind, *_: roads.FoundRoad(KNOWN[kind], 0.02, (0, 1), 9.0, 0.99)
+    )
+    found = roads.find_roads(logs, Config.exact(), None, 1, read=["read a", "read empty", "read b"])
+    assert sought == [["read a", "read b"]] and laid == [([4], [0, 0])]  # 89.7 m, as of the longest
+    assert [r.effect.id for r in found.found] == ["bank", "grade"]
+    at = np.interp(logs[2].distance, [0, 40, 80, 120], [4.0, 5.0, 6.0, 7.0])  # after the bank
+    np.testing.assert_allclose(found.logs[2].road["grade"], at)
+    assert found.list_roads() == ["way", "far"]
+    assert [x[2] for x in made] == [0, 2] and all(x[1] is found.road and x[4] == "sd" for x in made)
+
+
 # ---- names against formulas
 
 
@@ -572,3 +604,138 @@ def test_a_world_is_fitted_again_with_all_that_it_holds(turned):
     expected = {"cy_front": 1.0, "cy_rear": 1.0, "gyro_scale_error": 0.03}
     assert {k: found.values[k] for k in expected} == pytest.approx(expected, abs=2e-3)
     assert np.std(found.residuals) < 0.02 and turned.fixed == {}
+
+
+# ---- which effects of the best set have a name
+
+
+@pytest.fixture
+def decide(monkeypatch):
+    """Return a function: best set, other sets, fitted sizes and shares -> the naming.
+
+    Fits are replaced: a set has the sizes of `sizes`, and an effect closes `alone` of
+    what the other names leave.
+    """
+
+    def run(best, *others, sizes=None, alone=None, roads=()):
+        sizes, alone = dict(best.values) | (sizes or {}), alone or {}
+        sets = {s.ids: s for _, s in others} | {best.ids: best}
+        weights = {s.ids: p for p, s in others}
+        weights[best.ids] = 1.0 - sum(weights.values())
+        known = {h.id: h for s in sets.values() for h in s.effects}
+
+        def judge(ids, values, like, rough):
+            effects = tuple(h for i, h in known.items() if i in ids)
+            return replace_set(best, effects)
+
+        def replace_set(s, effects):
+            return SimpleNamespace(
+                **(vars(s) | {"effects": effects, "ids": frozenset(h.id for h in effects)})
+            )
+
+        best.converged = True
+        search = make_search(*((p, sets[i]) for i, p in weights.items()))
+        search.run, search.judge = lambda: best, judge
+        problem, e = make_groups(("accel_y", [3.0] * 4))
+        plain = Fit([], {}, e, np.zeros((4, 0)))
+        monkeypatch.setattr(naming, "Search", lambda *_: search)
+        monkeypatch.setattr(naming, "fit_plain_car", lambda p: plain)
+        monkeypatch.setattr(
+            naming, "fit_alone", lambda p, effects, values: SimpleNamespace(effects=effects, values=sizes)
+        )
+        monkeypatch.setattr(
+            naming, "convert_to_fit", lambda p, s: replace(plain, residuals=e / 3 * np.sqrt(3))
+        )
+
+        def make_named(p, s, final, sized, last, h, probability, full):
+            assert full == pytest.approx(4 * (9 - 1)) and sized.values is sizes
+            item = naming._make_sized_name(h, best, probability)
+            item.alone = alone.get(h.id, 0.9)
+            return item
+
+        monkeypatch.setattr(naming, "_make_named", make_named)
+        return naming.name_effects(problem, [], roads=roads)
+
+    return run
+
+
+def list_reasons(found: Naming) -> tuple[list[str], dict[str, str]]:
+    return [n.effect.id for n in found.named], {p["id"]: p["why"] for p in found.possible}
+
+
+def test_an_effect_is_named_if_it_or_a_replacement_is_certain(decide):
+    best = make_set(sd=1e-3, mass_change=0.1, gyro_scale_error=0.02)
+    instead = make_set(sd=1e-3, yaw_inertia_change=0.1, gyro_scale_error=0.02)
+    without = make_set(sd=1e-3, mass_change=0.1)
+    found = decide(best, (0.3, instead), (0.11, without))
+    assert list_reasons(found) == (["mass"], {"gyro_scale": "below 90 %"})  # yaw_inertia is a look-alike
+    assert found.possible[0]["probability"] == pytest.approx(0.89)
+    assert found.closed == pytest.approx(1.0 - (3 - 1) / (9 - 1)) and found.converged
+    assert found.sets[0]["ids"] == ["gyro_scale", "mass"]
+    certain = decide(best, (0.3, instead), (0.0999, without))
+    assert list_reasons(certain)[0] == ["mass", "gyro_scale"]
+
+
+def test_a_name_is_lost_by_a_negligible_size_by_a_wide_interval_and_by_a_small_share(decide):
+    best = make_set(sd=1e-3, mass_change=0.1, gyro_scale_error=0.02, steering_ratio_change=0.05)
+    small = decide(best, sizes={"mass_change": 0.02})
+    assert list_reasons(small) == (["steering_ratio", "gyro_scale"], {"mass": "its size is negligible"})
+    wide = make_set(sd=0.04, mass_change=0.2, gyro_scale_error=0.07)
+    zero = "its 95 % interval includes the case without this effect"
+    assert list_reasons(decide(wide)) == (["mass"], {"gyro_scale": zero})
+    idle = decide(best, alone={"gyro_scale": 0.04, "mass": 0.045})
+    reasons = dict.fromkeys(("mass", "gyro_scale"), "it closes almost nothing")
+    assert list_reasons(idle) == (["steering_ratio"], reasons)
+    edge = decide(best, alone={"gyro_scale": 0.05})
+    assert len(edge.named) == 3
+    lean = make_set(sd=1e-3, bank_superelevation=0.1)
+    assert list_reasons(decide(lean, alone={"superelevation": 0.0}))[0] == ["superelevation"]
+
+
+def test_what_is_possible_is_listed_from_ten_percent_on_the_likeliest_first(decide):
+    best = make_set(sd=1e-3, mass_change=0.1)
+    others = [
+        (0.09, make_set(sd=1e-3, mass_change=0.1, gyro_scale_error=0.02)),
+        (0.2, make_set(sd=1e-3, mass_change=0.1, cg_shift_distance=0.1)),
+        (0.3, make_set(sd=1e-3, mass_change=0.1, wheel_radius_change=0.02)),
+    ]
+    found = decide(best, *others)
+    assert list_reasons(found)[0] == ["mass"]
+    assert [p["id"] for p in found.possible] == ["wheel_radius", "cg_shift"]
+    nothing = decide(make_set(), (0.3, make_set(sd=1e-3, mass_change=0.1)))
+    assert list_reasons(nothing) == ([], {"mass": "below 90 %"}) and nothing.closed == 0.0
+
+
+def test_a_name_closes_what_the_other_names_leave(monkeypatch):
+    """In fitted pieces a share of the whole gap, in other pieces of what is left."""
+    problem, _ = make_groups(("accel_y", [0.0] * 4), ("yaw_rate", [0.0] * 4))
+    final, plain = (
+        make_set(30.0, mass_change=0.1, gyro_scale_error=0.1),
+        make_set(mass_change=0.1, gyro_scale_error=0.1),
+    )
+    less, asked = make_set(gyro_scale_error=0.1), []
+    without = make_set(18.0, gyro_scale_error=0.1)
+
+    def judge_set(p, others, members, start, like, rough):
+        asked.append((tuple(h.id for h in others), list(members), like, rough))
+        return less
+
+    residuals = np.array([3.0] * 4 + [1.0] * 4)  # a gap of 32
+    held = {id(less): {"accel_y": 44.0, "yaw_rate": 3.0}, id(plain): {"accel_y": 14.0, "yaw_rate": 1.0}}
+    monkeypatch.setattr(naming, "judge_set", judge_set)
+    monkeypatch.setattr(
+        naming, "convert_to_fit", lambda p, j, slopes: Fit([], {}, residuals, np.zeros((8, 0)))
+    )
+    monkeypatch.setattr(naming, "compute_held_out", lambda j: held[id(j)])
+    search = make_search((1.0, final))
+    search.judge = lambda ids, values, like, rough: without if ids == {"gyro_scale"} else None
+    h = next(h for h in final.effects if h.id == "mass")
+    last = Fit([], {}, np.array([2.0] * 4 + [0.5] * 4), np.zeros((8, 0)))  # a gap of 12
+    found = naming._make_named(problem, search, final, plain, last, h, Probability(search, final.ids), 40.0)
+    assert asked == [(("gyro_scale",), ["gyro_scale"], plain, True)]
+    assert found.evidence == 12.0 and found.share == pytest.approx((32.0 - 12.0) / 40.0)
+    assert found.alone == pytest.approx(1.0 - 10.0 / 40.0)
+    all_of_it = naming._make_named(
+        problem, search, final, plain, last, h, Probability(search, final.ids), 20.0
+    )
+    assert all_of_it.share == pytest.approx((20.0 - 12.0) / 20.0)  # not more than there is

@@ -147,6 +147,9 @@ def test_two_effects_that_help_only_together_are_added_at_once(monkeypatch):
     pair = add_worth({"mass": -0.5, "cg_shift": -2.0}, {("mass", "cg_shift"): 9.0})
     s = start_search(monkeypatch, pair)
     assert s._find_best_near(search.Around(None), frozenset(), 1) == {"mass", "cg_shift"}
+    little = add_worth({}, {("mass", "cg_shift"): 2.05})  # 0.05 nats together
+    s = start_search(monkeypatch, little)
+    assert s._find_best_near(search.Around(None), frozenset(), 1) == frozenset()
     one = add_worth(
         {"mass": 1.0, "cg_shift": 1.0, "gyro_scale": 2.3},
         {("mass", "gyro_scale"): -9.0, ("cg_shift", "gyro_scale"): -9.0},

@@ -142,6 +142,55 @@ def test_a_disturbance_is_located_only_where_both_lateral_sensors_are():
     assert where.find_entries(p, Fit([], {}, np.zeros(100), np.zeros((100, 0)))) == []
 
 
+def test_the_evidence_of_a_place_is_that_of_normal_residuals(monkeypatch):
+    """One log of 50 blocks; all places but one have a response of chance.
+
+    The front axle explains, beside what the stiffness does. A bank that follows accel_y
+    is the last, whatever its evidence.
+    """
+    rng = np.random.default_rng(9)
+    p = Problem([make_prepared(measured={"accel_y": 0.0, "yaw_rate": 0.0})], Config.exact())
+    response = {place: rng.standard_normal((100, 7)) for place in where.PLACES.values()}
+    jacobian = rng.standard_normal((100, 2))
+    weights = rng.standard_normal(7)
+    e = -2.0 * response["front_angle"] @ weights + jacobian @ [3.0, -2.0] + rng.standard_normal(100)
+    shape = np.maximum(0.0, 1.0 - np.abs(np.arange(50)[:, None] / 10 - np.arange(7))) @ weights
+    at = [{"dt": np.full(50, 0.04), "accel_y": rng.standard_normal(50)}]
+    asked = []
+
+    def respond(problem, values, signals, place, hats):
+        asked.append(hats[0])
+        return response[place]
+
+    monkeypatch.setattr(where, "compute_signals", lambda *_: at)
+    monkeypatch.setattr(where, "compute_responses", respond)
+    found = {x.place: x for x in where.find_entries(p, Fit([], {}, e, jacobian))}
+    hats = asked[0]
+    assert hats.shape == (50, 7) and hats[[0, 10, 5], [0, 1, 0]] == pytest.approx([1.0, 1.0, 0.5])
+    assert next(iter(found)) == "front axle" and found["front axle"].unit == "rad"
+    assert found["road (bank)"].unit == "m/s2" and found["yaw moment"].unit == "rad/s2"
+    rest = np.eye(100) - jacobian @ np.linalg.pinv(jacobian)
+    for name, place in where.PLACES.items():
+        a, r = rest @ response[place], rest @ e
+        unit = np.sqrt(100 / np.sum(a**2))
+        sizes = unit * 2.0 ** np.arange(-3, 6)
+        variance = [np.eye(100) + s**2 * a @ a.T for s in sizes]
+        nats = [0.5 * (r @ r - r @ np.linalg.solve(c, r) - np.linalg.slogdet(c)[1]) for c in variance]
+        assert found[name].nats == pytest.approx(max(nats), rel=1e-6, abs=1e-6)
+        s = sizes[int(np.argmax(nats))]
+        assert found[name].size == pytest.approx(s)
+        taken = r @ a @ np.linalg.solve(a.T @ a + np.eye(7) / s**2, a.T @ r)
+        assert found[name].share == pytest.approx(taken / (r @ r), rel=1e-6)
+    assert [x.nats for x in found.values()] == sorted((x.nats for x in found.values()), reverse=True)
+    response["bank"] = response["front_angle"] * 1.0
+    at[0]["accel_y"] = shape
+    places = [x.place for x in where.find_entries(p, Fit([], {}, e, jacobian))]
+    assert places[0] == "front axle" and places[-1] == "road (bank)"
+    at[0]["accel_y"] = np.cos(np.arange(50.0))
+    places = [x.place for x in where.find_entries(p, Fit([], {}, e, jacobian))]
+    assert places[:2] == ["front axle", "road (bank)"]
+
+
 # ---- conditions
 
 
