@@ -401,6 +401,7 @@ def test_the_formula_with_the_largest_gain_is_chosen_if_it_closes_enough(choose)
         make_candidate(9.0, 0.15, 2.0),
         make_candidate(30.0, 0.14, 3.0),
     )
+    assert choose(none, large, small).formula == large.formula
     found = choose(none, small, large)
     assert found.formula == large.formula
     assert [t["held_out"] for t in found.tried] == [False, True, True]
@@ -445,6 +446,8 @@ def test_held_out_logs_count_in_the_choice(choose):
     found = choose(one, two, held={1.0: (2.9, better), 2.0: (0.5, better)})
     assert found.formula == two.formula
     assert two.changes["channel 0"].ci95 == better[0]
+    dear = choose(make_candidate(-0.1, 0.5), held={1.0: (0.5, better)})
+    assert dear.formula is None and not dear.tried[0]["held_out"]  # its price in the fitted logs
 
 
 def test_nothing_is_fitted_again_where_nothing_was_found():
