@@ -121,7 +121,7 @@ def start_search(monkeypatch, evidence, ids=EFFECTS, fitted=None) -> search.Sear
     return found
 
 
-def add_worth(worth: dict[str, float], pairs: dict[tuple[str, str], float] | None = None):
+def add_worth(worth: dict[str, float], pairs: dict[tuple[str, ...], float] | None = None):
     """Return the evidence of sets: the sum of that of effects, and of pairs of them."""
 
     def compute(ids: frozenset) -> float:
@@ -183,6 +183,9 @@ def test_the_search_finds_a_pair_that_cancels_and_returns_the_best_set(monkeypat
         {"mass": 4.0, "cg_shift": -20.0, "relaxation": -20.0}, {("cg_shift", "relaxation"): 50.0}
     )
     assert start_search(monkeypatch, evidence).run().ids == {"mass", "cg_shift", "relaxation"}
+    three = ("cg_shift", "relaxation", "body_roll")  # of which no two help
+    evidence = add_worth(dict.fromkeys(three, -20.0), {three: 90.0})
+    assert start_search(monkeypatch, evidence).run().ids == set(three)
     assert start_search(monkeypatch, add_worth({})).run().ids == frozenset()
 
 
@@ -242,7 +245,7 @@ def test_probabilities_are_of_the_fits_and_of_approximations_where_there_is_no_f
 # ---- unknowns of a fit
 
 
-ROLL, LEVER, GYRO = (KNOWN[i] for i in ("body_roll", "imu_lever_arm", "gyro_scale"))
+ROLL, LEVER, GYRO, RELAXATION = (KNOWN[i] for i in ("body_roll", "imu_lever_arm", "gyro_scale", "relaxation"))
 
 
 @pytest.fixture(scope="module")
@@ -331,7 +334,7 @@ def test_residuals_are_grouped_by_channel_without_unused_blocks(turning):
 
 def test_slopes_are_with_respect_to_the_unknowns_and_may_be_lent(turning):
     """Sizes outside the set have wide differences; lent slopes stay as they are."""
-    s = Space(turning, [LEVER, GYRO], ["gyro_scale"])
+    s = Space(turning, [RELAXATION, GYRO], ["gyro_scale"])
     x = s.at({"gyro_scale_error": 0.02, "cy_front": 0.9})
     base = s.compute_residuals(x, np.zeros(0))
     found = s.compute_slopes(x, np.zeros(0), base)
@@ -339,12 +342,12 @@ def test_slopes_are_with_respect_to_the_unknowns_and_may_be_lent(turning):
     whole = turning.compute_residuals(values)
     used = [np.delete(np.arange(50), 1), np.arange(50, 100)]
     for k, (n, p) in enumerate(zip(s.names, s.parameters, strict=True)):
-        step = (REACH if n.startswith("imu") else 1.0) * 0.02 * p.scale
+        step = (REACH if n == "relaxation_length" else 1.0) * 0.02 * p.scale
         change = (turning.compute_residuals(values | {n: values[n] + step}) - whole) / step
         for table, mine in zip(found, used, strict=True):
             np.testing.assert_allclose(table[:, k], by[k] * change[mine], rtol=1e-6, atol=1e-6)
     lent = [np.full_like(t, 7.0) for t in found]
-    other = Space(turning, [LEVER, GYRO], ["gyro_scale"], lent)
+    other = Space(turning, [RELAXATION, GYRO], ["gyro_scale"], lent)
     mixed = other.compute_slopes(x, np.zeros(0), base)
     there = [n in (*STIFFNESS, "gyro_scale_error") for n in s.names]
     for table, own in zip(mixed, found, strict=True):
@@ -432,6 +435,7 @@ def test_the_pieces_that_are_chosen_are_those_of_their_logs(monkeypatch):
     table = np.full((len(rows.log), 1), 1e-3)
     table[(rows.log == 1) & (rows.time > 17.0)] = 2.0
     table[rows.log == 2] = 1.0
+    table[(rows.log == 2) & (rows.time > 17.0)] = 1.5
     table[rows.time % 15.0 < 0.9] = 100.0  # what is not compared does not count
     monkeypatch.setattr(excerpt, "_compute_slopes", lambda *_: table)
     found = excerpt.choose_excerpt(p, None)

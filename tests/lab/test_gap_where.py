@@ -244,6 +244,11 @@ def test_residuals_that_grow_with_a_signal_are_large_where_it_is_high(monkeypatc
     assert (second.channel, second.condition) == ("yaw_rate", "low speed")
     assert -1.0 < second.strength < -0.7
     assert where.find_conditions(p, -e, {}) == [first, second]  # of either sign
+    falling = where.find_conditions(p, np.concatenate([e[1500:], e[:1500][::-1]]), {})
+    found = [(c.channel, c.condition) for c in falling]
+    assert found == [("yaw_rate", "low speed"), ("accel_y", "low speed")]
+    rising = where.find_conditions(p, np.concatenate([e[:1500][::-1], e[1500:][::-1]]), {})
+    assert [c.strength > 0 for c in rising] == [False, True]  # by magnitude
 
 
 def test_windows_are_those_of_each_log(monkeypatch):
@@ -344,7 +349,7 @@ def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
 
 def test_a_spike_is_replaced_by_its_neighbours_within_its_log() -> None:
     x = np.tile([1.0, -1.0], 10)
-    x[[0, 5, 9, 10, 15, 19]] = 30.0  # two logs of 10 blocks: at their ends, and inside
+    x[[0, 5, 10, 15, 19]] = 30.0  # two logs of 10 blocks: at their ends, and inside
     x[7] = 5.0  # less than 1.25 times three sd
     log = np.repeat([0, 1], 10)
     rest = remove_spikes(x, log)
@@ -352,6 +357,8 @@ def test_a_spike_is_replaced_by_its_neighbours_within_its_log() -> None:
     inside = np.delete(np.arange(20), [5, 15])
     np.testing.assert_array_equal(rest[inside], x[inside])
     assert x[5] == 30.0  # in a copy
+    last = np.where(np.arange(20) == 9, 30.0, np.tile([1.0, -1.0], 10))
+    np.testing.assert_array_equal(remove_spikes(last, log), last)
     np.testing.assert_array_equal(remove_spikes(np.array([1.0, 30.0]), log[:2]), [1.0, 30.0])
 
 
@@ -376,6 +383,9 @@ def test_a_short_span_has_half_of_what_is_above_the_noise() -> None:
     both = np.ones(3000)
     both[[10, 760, 1510]] = 9.0  # a third in each of three logs
     assert remainder.find_short_span(both, LOG, time) is None
+    long = np.ones(3000)
+    long[:700] = 2.0  # half of them are 11.7 % of all logs
+    assert remainder.find_short_span(long, LOG, time) is not None
     one = np.zeros(1000, int)
     for rows, there in ((299, True), (310, False)):  # half of them: 15 % of all
         long = np.ones(1000)
