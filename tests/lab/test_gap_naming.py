@@ -65,8 +65,8 @@ def test_of_several_strengths_the_one_that_is_large_for_its_kind_has_the_prior_o
     found = h.compute_ln_prior({"a": 0.2, "b": -1.0})
     assert found == pytest.approx(size + norm.logpdf(-1.0, 0.0, 2.0) - np.log(2))
     size = np.log(0.5 / (2.0 * WIDTH))
-    found = h.compute_ln_prior({"a": -0.1, "b": 2.0})
-    assert found == pytest.approx(size + norm.logpdf(-0.1, 0.0, 0.2) - np.log(2))
+    found = h.compute_ln_prior({"a": 0.1, "b": -2.0})
+    assert found == pytest.approx(size + norm.logpdf(0.1, 0.0, 0.2) - np.log(2))
     stated = Hypothesis(make_effect(replace(small, default=0.1, prior=0.05), large), 0.0)
     found = stated.compute_ln_prior({"a": 0.2, "b": -1.0})
     assert found == pytest.approx(norm.logpdf(0.2, 0.1, 0.05) + norm.logpdf(-1.0, 0.0, 6.0))
@@ -401,6 +401,7 @@ def test_names_are_fitted_again_with_shifted_intervals(turned):
         ),
         ({"steering_delay_time": 0.05, "cy_rear": 0.9}, {"steering_delay_time": 0.05}),
         ({"steering_delay_time": -0.01}, {"steering_delay_time": 0.0, "steer_angle_latency": 0.014}),
+        ({"accel_y_latency": 0.0}, {}),  # that of the file stays
         (
             {"wheel_speed_latency": 0.01, "accel_x_latency": -0.02},
             {"wheel_speed_front_latency": 0.01, "wheel_speed_rear_latency": 0.01, "accel_x_latency": -0.02},
