@@ -134,10 +134,10 @@ def test_the_time_of_a_filter_is_that_of_the_rows_or_the_sum_of_the_steps():
     assert times == [0.0, 0.25, 0.75]
     assert f._compute_step(None, 0.125) == 0.125 and f._compute_step(1.0, None) == 0.25
     f.reset()
-    assert f.step(ROW, time=5.0).time == 5.0
+    assert f.step(ROW, time=0.5).time == 0.5  # before the last row: it is a first row
     with pytest.raises(tse.InputError):
-        f.step({**ROW, "steer_angle": 3.0}, time=6.0)
-    assert f._compute_step(5.5, None) == 0.5  # a refused row has no time
+        f.step({**ROW, "steer_angle": 3.0}, time=2.0)
+    assert f._compute_step(1.0, None) == 0.5  # a refused row has no time
     for text, given in (
         ("dt is missing", (None, None)),
         ("both time and dt", (1.0, 1.0)),
@@ -152,8 +152,11 @@ def test_optional_channels_are_given_where_they_are_finite_and_others_are_ignore
     names = [x.name for x in library().optional]
     f.step(ROW, gnss_speed=19.0, brake=None, bank=math.nan, grade=math.inf, ref_mass=1.0, vehicle_speed=19.0)
     assert f._row["given"][0] == 1 << names.index("gnss_speed") and f._row["gnss_speed"][0] == 19.0
-    f.step(accel_y=1.0, dt=0.01, bank=0.02)
-    assert f._row["given"][0] == 1 << names.index("bank") and f._row["gnss_speed"][0] == 0.0
+    f.step(accel_y=1.0, dt=0.01, bank=0.02, grade=0.01)
+    assert (
+        f._row["given"][0] == (1 << names.index("bank")) + (1 << names.index("grade"))
+        and f._row["gnss_speed"][0] == 0.0
+    )
     assert np.isnan([f._row[c][0] for c in tse.CHANNELS if c != "accel_y"]).all()
     f.step({**ROW, "accel_y": 2.0}, accel_y=3.0, dt=0.01)
     assert f._row["accel_y"][0] == 3.0  # the channel counts, not the row
@@ -264,6 +267,7 @@ def test_sentences_of_a_result_are_those_of_its_run(monkeypatch):
     seen = replace(monkeypatch, regimes, "describe_events", ["it slid"])
     monkeypatch.setattr(regimes, "find_spells", lambda table: len(table))
     assert r.events == ("it slid",) and seen == [((["change"], 4), {})]
+    assert not make_run(reported=False).reported
     plain = tse.Result(make_table(), {})
     assert plain.started_from is None and not plain.reported
     for of in ("facts", "messages", "cautions", "log"):

@@ -79,7 +79,8 @@ def test_a_long_text_is_folded_at_a_hundred_columns_with_an_indent_of_two_more()
     assert second.startswith("    word") and (first + " " + second).split() == words
     for whole in ("x" * 120, "a-" * 60):
         assert options.fold(whole) == [whole]
-    assert options.fold("y" * 100) == ["y" * 100]
+    for length, lines in ((50, 1), (51, 2)):
+        assert len(options.fold("y" * 49 + " " + "z" * length)) == lines
     assert options.fold_all(["a", "  " + "b " * 60]) == ["a", *options.fold("  " + "b " * 60)]
 
 
@@ -424,6 +425,7 @@ def test_a_learnt_state_is_saved_or_it_is_noted_why_not(more, line, place, monke
     done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--save-learnt", "c.tse", "--verbose")
     assert line in (done.out + done.err).splitlines()
     assert result.written == ([(Path("c.tse"),)] if not more else [])
+    assert ("Learnt state written" in done.out) is not bool(more)
 
 
 @pytest.mark.parametrize(
@@ -504,6 +506,12 @@ def test_what_finds_no_room_in_twelve_lines_is_counted(capsys):
     result.cautions = (*two_lines[:3], "w")
     out, err = print_it(capsys, estimate_command.print_answer, result, ["n"], {"estimates": None}, True)
     assert out[3:] == ["e1", "2 more notes: --verbose"] and len(err) == 7
+    result.cautions = two_lines[:3]  # room for two lines
+    out, err = print_it(capsys, estimate_command.print_answer, result, ["n"], {"estimates": None}, True)
+    assert out[3:] == ["e0", "e1", "1 more note: --verbose"] and len(err) == 6
+    result.events = ("e0", "e1" + " word" * 25)  # the later one takes two lines
+    out, err = print_it(capsys, estimate_command.print_answer, result, ["n"], {"estimates": None}, True)
+    assert out[3].startswith("e1") and out[5:] == ["2 more notes: --verbose"] and len(err) == 6
 
 
 def test_the_long_answer_has_all_notes_facts_and_twelve_stretches(capsys):
@@ -572,6 +580,8 @@ def test_of_many_signals_those_in_use_and_eighty_others_are_listed():
     text = signals_command._format_signals(many, Path("log.csv"), False)
     assert [line.split()[0] for line in text.splitlines()[3 : 3 + 130]] == names
     assert "and 20 more, which --all lists" in text.splitlines()
+    text = signals_command._format_signals(make_signals(80), Path("log.csv"), False)
+    assert [line.split()[0] for line in text.splitlines()[3:6]] == ["s0", "s1", "s2"]  # in their order
     for found, every in ((many, True), (make_signals(80), False)):
         text = signals_command._format_signals(found, Path("log.csv"), every)
         assert "which --all lists" not in text and all(f"s{i} " in text for i in range(80))
