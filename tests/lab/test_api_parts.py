@@ -134,6 +134,8 @@ def test_the_time_of_a_filter_is_that_of_the_rows_or_the_sum_of_the_steps():
     assert times == [0.0, 0.25, 0.75]
     assert f._compute_step(None, 0.125) == 0.125 and f._compute_step(1.0, None) == 0.25
     f.reset()
+    assert f.step(ROW).time == 0.0
+    f.reset()
     assert f.step(ROW, time=0.5).time == 0.5  # before the last row: it is a first row
     with pytest.raises(tse.InputError):
         f.step({**ROW, "steer_angle": 3.0}, time=2.0)
@@ -585,15 +587,15 @@ def test_logs_of_a_fleet_run_here_or_in_processes_of_their_own(given, jobs, logs
     ran = replace(monkeypatch, _fleet, "run_drives", [])
     pages = replace(monkeypatch, _fleet.page, "write_fleet_page", None)
     monkeypatch.setattr(_fleet.page, "list_cars", lambda *_: [])
-    given = {"logs": "a.csv", "learn": False, "estimates": True, "average": 0.02, **given}
-    given |= {"settings": {"mass": 1}, "config": "f.toml", "restart": True, "car": "golf"}
+    given = {"logs": "a.csv", "learn": False, "estimates": True, "calibrate": False, **given}
+    given |= {"average": 0.02, "settings": {"mass": 1}, "config": "f.toml", "restart": True, "car": "golf"}
     tse.fleet(vehicle=CAR, out=tmp_path / "out", **given)
     assert found[0][0] == (logs, tmp_path / "out" / "vehicle.toml", None, "golf", tmp_path / "out")
     assert stored[0][0] == (tmp_path / "out", True)
     (given_drives, plan, _, count, scheduler, bar), _ = ran[0]
     assert given_drives is drives and count == jobs and scheduler == given.get("scheduler") and not bar
     assert plan == _fleet.FleetPlan(
-        tse.Reading(), Path("f.toml"), 0.02, "default", {"mass": 1}, False, True, True, True
+        tse.Reading(), Path("f.toml"), 0.02, "default", {"mass": 1}, False, True, True, False
     )
     assert pages[0][0][0] == tmp_path / "out" / "fleet.html" and pages[0][0][3] == "out"
 
@@ -908,7 +910,7 @@ def test_differences_of_a_replay_are_a_document_and_sentences(monkeypatch, tmp_p
 def test_the_file_of_a_vehicle_is_its_own_or_written_of_its_mapping(tmp_path):
     mapping = {
         **CAR,
-        "name": 'a "car" ü',
+        "name": 'a "car" ü 😀',
         "mass": np.float32(1650.5),
         "latency": {"steer_angle": np.float64(0.02)},
         "effects": {"body_roll": {"gain": 0.005}},
@@ -924,7 +926,7 @@ def test_the_file_of_a_vehicle_is_its_own_or_written_of_its_mapping(tmp_path):
         _vehicle.get_vehicle_file(str(path), tmp_path / "none") == path and not (tmp_path / "none").exists()
     )
     car = tse.read_vehicle(path)
-    assert car.name == 'a "car" ü' and _vehicle.get_vehicle_file(car, tmp_path) == path
+    assert car.name == 'a "car" ü 😀' and _vehicle.get_vehicle_file(car, tmp_path) == path
     car.values["lf"], car.values["lr"] = 1.3, 1.4
     with pytest.raises(UserError, match=r"^lf, lr of the vehicle differ from .*vehicle.toml"):
         _vehicle.get_vehicle_file(car, tmp_path)
