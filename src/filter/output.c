@@ -65,6 +65,15 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
+/* Return the mean of state i [SI unit] over the events that may have happened, within the
+ * range of the state. A value that is no state in this build (the latency of the steering
+ * in TSE_SMALL) is known.
+ *   Given:  shift  mean over these events minus the estimate, from compute_variance() */
+static tse_real compute_mean(const tse_kalman *k, int i, tse_real shift)
+{
+  return i < STATES ? r_clamp(k->x[i] + shift, -state_max[i], state_max[i]) : k->x[i];
+}
+
 /* Report the motion. While the motion is lost its sds grow. They are limited to
  * state_max.
  *
@@ -84,7 +93,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   tse_real shift;
   for (int i = 0; i < 3; i++) {
     *state_sd[i] = r_min(r_sqrt(compute_variance(p, k, e, VX + i, &shift)), state_max[VX + i]);
-    *state[i] = r_clamp(k->x[VX + i] + shift, -state_max[VX + i], state_max[VX + i]);
+    *state[i] = compute_mean(k, VX + i, shift);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
   const tse_real model = r_mul(
@@ -123,8 +132,7 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
   const tse_real var = compute_variance(p, k, e, LMU, &shift);
-  out->grip = r_mul(
-      p->car.grip, compute_exponential(r_clamp(k->x[LMU] + shift, -state_max[LMU], state_max[LMU])));
+  out->grip = r_mul(p->car.grip, compute_exponential(compute_mean(k, LMU, shift)));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
@@ -134,10 +142,10 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   tse_real shift;
   for (int i = 0; i < 3; i++) {
     out->bias_sd[i] = r_sqrt(compute_variance(p, k, e, bias_at(i), &shift));
-    out->bias[i] = r_clamp(k->x[bias_at(i)] + shift, -state_max[bias_at(i)], state_max[bias_at(i)]);
+    out->bias[i] = compute_mean(k, bias_at(i), shift);
   }
   out->lag_steer_sd = r_sqrt(compute_variance(p, k, e, LATE, &shift));
-  out->lag_steer = k->x[LATE] + shift;
+  out->lag_steer = compute_mean(k, LATE, shift);
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
     out->innovation[c] = k->innovation[c];

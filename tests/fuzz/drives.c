@@ -240,7 +240,7 @@ static void check_estimates(const tse_output *y, int status, const tse_input *u)
   expect_within(y->grip, 0, 3000, "grip", u);
   expect_within(y->grip_sd, 0, MOST_SD, "grip_sd", u);
   for (int c = 0; c < 5; c++) expect_within(y->nis[c], 0, 1e9, "nis", u);
-  expect_within(y->lag_steer, -1, 1, "lag_steer", u);
+  expect_within(y->lag_steer, -0.4, 0.4, "lag_steer", u); /* state 0.2, settings 0.4 */
   expect_within(y->lag_steer_sd, 0, 1000, "lag_steer_sd", u);
   expect_within(y->change_age, 0, 1e6 + 1, "change_age", u);
   expect_within(y->change_probability, 0, 1.00001, "change_probability", u);
