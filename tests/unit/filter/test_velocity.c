@@ -795,6 +795,25 @@ static void test_a_frozen_velocity_is_none(void)
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
 
+/* The noise of a velocity that comes in every row has its variance once a row: the time
+ * since the last value, over which the noise is averaged, starts over at every value. */
+static void test_the_time_since_a_velocity_starts_over_at_every_value(void)
+{
+  for (int every = 1; every <= 4; every += 3) {
+    double since = 0;
+    begin(every);
+    for (int n = 0; n < 40; n++) {
+      const tse_input u = measured_row(ins);
+      const int given = (u.given & TSE_GIVEN_ins_vel_x) != 0;
+      (void)stepped(&w.p, &f, &u);
+      since = given ? 0 : since + number(u.dt);
+      if (n < 8) continue; /* the filter starts */
+      expect_near(since, number(f.k.velocity.since[0]), BY_FORMAT(1e-9, 1e-6), "ins_vel_x", n);
+      expect_near(since, number(f.k.velocity.since[1]), BY_FORMAT(1e-9, 1e-6), "ins_vel_y", n);
+    }
+  }
+}
+
 static void test_an_outlier_pulls_no_further_than_three_sd(void)
 {
   begin(1);
