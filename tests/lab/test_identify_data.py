@@ -286,7 +286,7 @@ def test_a_channel_with_entries_of_its_own_is_smoothed_at_the_rows_and_constant_
 
 
 @pytest.mark.parametrize(
-    ("noise", "walk", "step"), [(0.1, 0.5, 0.01), (0.01, 100.0, 0.001), (1.0, 1.0, 0.05)]
+    ("noise", "walk", "step"), [(0.1, 0.5, 0.01), (0.01, 200.0, 0.001), (1.0, 1.0, 0.05)]
 )
 def test_the_penalty_of_smoothing_is_the_ratio_of_noise_and_walk(
     noise: float, walk: float, step: float
