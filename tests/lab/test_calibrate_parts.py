@@ -117,6 +117,10 @@ SHAPE = Unknown("body_roll_damping", "roll", 0.3, 0.1, 0.05, 2.0)
     ("u", "value", "sd", "before", "by", "words"),
     [
         (LATE, 0.01, 0.002, 0.0, 1.0, "steering angle: 10.0 ms behind the gyro, 95 % interval 6.1 .. 13.9"),
+        (replace(LATE, name="wheel_speed_front_latency"), 0.01, 0.001, 0.0, 1.0,
+         "front wheel speed: 10.0 ms behind the gyro, 95 % interval 8.0 .. 12.0"),
+        (replace(LATE, name="wheel_speed_rear_latency"), 0.01, 0.001, 0.0, 1.0,
+         "rear wheel speed: 10.0 ms behind the gyro, 95 % interval 8.0 .. 12.0"),
         (LATE, -0.01, 0.002, 0.0, 1.0, "-10.0 ms behind the gyro, 95 % interval -13.9 .. -6.1"),
         (LATE, -0.01, 0.005, 0.0, 1.0, f"-10.0 ms behind the gyro, 95 % interval -19.8 .. -0.2, {NOT_ZERO}"),
         (LATE, 0.0009, 0.0001, 0.0, 1.0, f"interval 0.7 .. 1.1, {NOT_ZERO}"),  # worth: 1 ms
@@ -136,8 +140,10 @@ def test_a_number_is_reported_in_its_unit_and_if_it_is_not_significant_or_small(
     u, value, sd, before, by, words
 ) -> None:
     assert result._describe_finding(u, value, sd, True, before, by).endswith(words)
-    hidden = "steering angle: these logs do not show its delay behind the gyro"
-    if u is not LATE:
+    hidden = f"{words.split(':')[0]}: these logs do not show its delay behind the gyro"
+    if u is LATE:
+        hidden = "steering angle: these logs do not show its delay behind the gyro"
+    elif u.group != "latency":
         hidden = f"{u.name.replace('_', ' ')}: these logs do not show it"
     assert result._describe_finding(u, value, sd, False, before, by) == hidden
 
@@ -197,6 +203,8 @@ def test_only_a_number_that_the_vehicle_file_states_is_misstated_and_from_four_s
         "wheel_radius_rear seems wrong"
     )
     assert result.describe_misstated([other, one]).startswith("wheel_radius_rear")  # the first one
+    imu = replace(other, name="imu_misalignment_angle")
+    assert result.describe_misstated([imu]).startswith("the direction of the IMU seems wrong")
     assert make_result({"wheel_radius_front": 0.4}).misstated.startswith("wheel_radius_front seems wrong")
 
 
@@ -346,10 +354,10 @@ def test_uncertainties_are_the_posterior_sds_of_their_numbers(monkeypatch) -> No
            "steering_offset_angle": 0.0001}  # fmt: skip
     made = make_result({"yaw_inertia": 2500.0}, sds, leans=(0.1, 0.5))
     found = collect_uncertainty(monkeypatch, made)
-    expected = {
+    expected = {  # of the last two, the least values
         "cg_sd": 0.03, "steer_ratio_sd": 0.011, "accel_delay_sd": 0.003, "relaxation_sd": 0.2,
         "trail_sd": 0.03, "yaw_inertia_sd": 0.02, "accel_y_scale_sd": np.hypot(0.004, 9.81 * 0.0003),
-        "lean_sd": 0.2, "model_sd": 0.07, "steer_offset_sd": 0.0003, "gyro_scale_sd": 0.005,  # the last two are least values
+        "lean_sd": 0.2, "model_sd": 0.07, "steer_offset_sd": 0.0003, "gyro_scale_sd": 0.005,
     }  # fmt: skip
     assert {k: found[k] for k in expected} == pytest.approx(expected)
     i, k = (made.problem.names.index(n) for n in ("imu_scale_ay_error", "body_roll_gain"))
