@@ -773,7 +773,7 @@ def test_offers_are_surer_than_now_and_said_in_percent(found: tuple[CarProblem, 
     assert offered and all(min(o.sd[k] / now[k] for k in now) < advice.MAX_REMAINING for o in offered)
     assert all(o.sd[k] <= now[k] * 1.0001 for o in offered for k in now)
     first, *others = advice.describe_offers({"cy_front": 0.05, "cy_rear": 0.1}, offered[:1])
-    assert first.endswith("now +- 10 and +- 20 %:") and offered[0].what in others[0]
+    assert "now +- 10 and +- 20 %. " in first and offered[0].what in others[0]
     assert advice.describe_offers(now, []) == []
 
 
