@@ -32,9 +32,9 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 def format_markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
     """Return the lines of a Markdown table. The first `left` columns are aligned on the
     left, the others on the right."""
+    head = list(head)
     lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
-    columns = len(list(head))
-    return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
+    return [lines[0], "|" + "---|" * left + "---:|" * (len(head) - left), *lines[1:]]
 
 
 def settings_table(which: int = CONFIG) -> str:
