@@ -1,0 +1,342 @@
+"""What tselab gap writes and draws: residuals, gain of the estimator, figures, tables."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gap_logs import CAR
+from tse.car.vehicle import read_vehicle
+from tse.gaps.catalogue import Own, load_catalogue
+from tse.gaps.drives import Candidate, prepare_candidate
+from tse.gaps.fit import ChannelChange
+from tse.gaps.problem import Problem
+from tse.gaps.run import output, pictures, report
+from tse.identify.data import average_blocks
+from tse.library.core import STIFFNESS, Config
+from tse.log.rows import MEASURES
+from tse.roads.road import Road, read_road
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    path = tmp_path_factory.mktemp("car") / "car.toml"
+    path.write_text(CAR, encoding="utf-8")
+    return Config.exact(read_vehicle(path).values)
+
+
+def make_logs(config: Config, *names: str):
+    """Return logs of a slalom of 4 s; accel_y is 0.5, and missing in one block."""
+    t = 0.01 * np.arange(401)
+    piece = (0.03 * np.sin(2 * np.pi * t), np.full(len(t), 15.0))
+    logs = prepare_candidate(Candidate("slalom", (piece,) * len(names)), config)
+    for log, name in zip(logs, names, strict=True):
+        log.path = Path(f"{name}.csv")
+        log.measured["accel_y"] = np.where((t[: len(log.time)] > 2) & (t[: len(log.time)] < 2.1), np.nan, 0.5)
+    return logs
+
+
+# ---- table of the residuals
+
+
+def test_residuals_are_measured_minus_predicted_over_the_noise_before_and_after(config):
+    fitted, held = Problem(make_logs(config, "a", "b"), config), Problem(make_logs(config, "a"), config)
+    before, size = {"cy_front": 1.1}, {"body_roll_gain": 0.01}
+    after = size | {Own("bank", 0, 0): 0.05, Own("bank", 0, 1): -0.05}
+    level = fitted.holding({"cy_rear": 0.9})  # to be told from the problem of the fit
+    table = output.make_table({"fit": (level, fitted), "held_out": (held, held)}, before, after)
+    assert tuple(table.columns) == output.RESIDUAL_COLUMNS
+    n = len(fitted.weight)
+    fit, other = table.iloc[:n], table.iloc[n:]
+    assert set(fit["part"]) == {"fit"} and set(other["part"]) == {"held_out"}
+    assert fit["log"].tolist()[:: n // 2] == ["a", "b"] and set(fit["channel"]) == set(MEASURES)
+    np.testing.assert_allclose(
+        fit["residual_before"], np.where(level.weight > 0, level.compute_residuals(before), np.nan), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        fit["residual_after"], np.where(level.weight > 0, fitted.compute_residuals(after), np.nan), atol=1e-9
+    )
+    np.testing.assert_allclose(  # a road of the fitted logs is none of the held-out ones
+        other["residual_after"], np.where(held.weight > 0, held.compute_residuals(size), np.nan), atol=1e-9
+    )
+    assert np.abs(fit["residual_after"] - fit["residual_before"]).max() > 1
+    hole = fit["residual_before"].isna()
+    assert 0 < hole.sum() < 20 and hole.equals(fit["noise"].isna()) and fit["measured"].isna().equals(hole)
+    noise = dict(zip(fit["channel"], fit["noise"], strict=True))
+    assert noise["yaw_rate"] == pytest.approx(0.001) and noise["accel_x"] == pytest.approx(0.03)
+    good = fit[~hole]
+    np.testing.assert_allclose(
+        (good["measured"] - good["predicted_before"]) / good["noise"], good["residual_before"], atol=1e-9
+    )
+    mean, _ = average_blocks(fitted.logs[0], fitted.logs[0].time)
+    assert fit["time"].tolist()[: len(mean)] == pytest.approx(mean) and fit["block"].iloc[1] == 1
+
+
+def test_logs_of_one_name_are_numbered(config):
+    problem = Problem(make_logs(config, "a", "b", "a", "a"), config)
+    assert output.list_log_names(problem) == ["a", "b", "a (2)", "a (3)"]
+
+
+# ---- gain of the estimator
+
+
+def make_estimate(evidence: list[float], valid: list[int]) -> pd.DataFrame:
+    table = {"log_evidence": evidence, "cx_front_valid": valid, "cy_front_valid": [1] * len(valid)}
+    return pd.DataFrame(table | {"cy_rear_valid": [2] * len(valid)})  # 2: a reason
+
+
+def test_the_gain_is_that_of_rows_which_both_used_and_of_logs_by_their_length(monkeypatch):
+    tables = {
+        ("one", "old"): make_estimate([1.0, 2.0, 0.0, np.nan, 5.0], [1, 0, 0, 0, 0]),
+        ("one", "new"): make_estimate([3.0, 4.0, 9.0, 9.0, 0.0], [1, 1, 1, 0, 2]),
+        ("two", "old"): make_estimate([-1.0], [0]),
+        ("two", "new"): make_estimate([1.0], [1]),
+    }
+    monkeypatch.setattr(output, "make_config", lambda vehicle, log: (vehicle, None))
+    monkeypatch.setattr(output, "estimate", lambda log, car: SimpleNamespace(table=tables[log[0], car]))
+    logs = [("fit", "one", ["one"] * 5), ("held_out", "two", ["two"])]
+    said = []
+    found = output.compute_gain(logs, "old", "new", 1, said.append)
+    one, two = found["logs"]
+    assert (one["log"], one["part"], two["part"]) == ("one", "fit", "held_out")
+    assert one["evidence"] == {"before": 1.5, "after": 3.5}
+    assert one["valid"]["before"]["cx_front"] == 0.2 and one["valid"]["after"]["cx_front"] == 0.6
+    assert found["log_evidence_per_row"] == pytest.approx(
+        {"before": (5 * 1.5 - 1) / 6, "after": (5 * 3.5 + 1) / 6}
+    )
+    assert found["valid"]["after"] == pytest.approx({"cx_front": 4 / 6, "cy_front": 1, "cy_rear": 0})
+    assert said == ["estimating one", "estimating one", "estimating two", "estimating two"]
+    lines = output.describe_gain(found)
+    assert lines[0] == "The estimator's front longitudinal stiffness: valid 17 -> 67 % of the time."
+    assert output.compute_gain(logs, "old", "new", 3) == found
+
+
+def test_gains_are_rows_of_quantity_before_and_after():
+    gain = {
+        "log_evidence_per_row": {"before": 1.2345, "after": 2.5},
+        "valid": {"before": dict.fromkeys(STIFFNESS, 0.126), "after": dict.fromkeys(STIFFNESS, 0.5)},
+        "logs": [
+            {"log": "a", "part": "fit", "evidence": {"before": 1.0, "after": 3.0}},
+            {"log": "b", "part": "held_out", "evidence": {"before": 1.0, "after": 4.0}},
+        ],
+    }
+    rows = report.make_gain_rows(gain)
+    assert rows[0] == ("log evidence per row [nat], mean over all logs", "1.234", "2.500")
+    assert rows[2] == ("Front cornering stiffness: valid", "13 % of the time", "50 % of the time")
+    assert rows[4:] == [
+        ("a: log evidence per row [nat]", "1.000", "3.000"),
+        ("b (held out): log evidence per row [nat]", "1.000", "4.000"),
+    ]
+
+
+# ---- files and titles
+
+
+def make_road(bank: float) -> Road:
+    s = np.arange(3.0)
+    level = np.full(3, 0.001)
+    return Road(s, np.full(3, bank), 0 * s, level, level, curvature=0 * s)
+
+
+def test_roads_are_numbered_and_those_of_an_earlier_run_are_removed(tmp_path):
+    for name in ("road.csv", "road_2.csv", "road_3.csv"):
+        (tmp_path / name).write_text("of an earlier run", encoding="utf-8")
+    roads = SimpleNamespace(list_roads=lambda: [make_road(0.01), make_road(0.02)])
+    files = output.write_road_files(tmp_path, SimpleNamespace(roads=roads))
+    assert [f.name for f in files] == ["road.csv", "road_2.csv"] == sorted(p.name for p in tmp_path.iterdir())
+    assert [read_road(f).bank[0] for f in files] == [0.01, 0.02]
+    assert output.write_road_files(tmp_path, SimpleNamespace(roads=None)) == []
+    assert not list(tmp_path.iterdir())
+
+
+def make_result(verdict: str, *ids: str, formula=None, possible=()) -> SimpleNamespace:
+    named = [SimpleNamespace(effect=load_catalogue()[i]) for i in ids]
+    return SimpleNamespace(
+        verdict=verdict, formula=formula, naming=SimpleNamespace(named=named, possible=list(possible))
+    )
+
+
+@pytest.mark.parametrize(
+    ("result", "title"),
+    [
+        (make_result("none"), "Nothing is missing that these logs could show"),
+        (make_result("named", "body_roll", "mass"), "Missing: body_roll + mass"),
+        (make_result("possible", possible=[{"id": "mass"}, {"id": "cg_shift"}]), "Possible: mass"),
+        (make_result("not_in_catalogue", "mass"), "Not in the catalogue"),
+        (
+            make_result("not_in_catalogue", formula=SimpleNamespace(text="k * vel_y", place="yaw_moment")),
+            "Not in the catalogue: k * vel_y at yaw_moment",
+        ),
+    ],
+)
+def test_the_title_of_the_picture_is_the_verdict(result, title):
+    assert output.make_headline(result) == title
+
+
+# ---- figures
+
+
+def make_table(**logs: tuple[str, float, float]) -> pd.DataFrame:
+    """Return residuals of 30 s for each log: part, size before, size after.
+
+    The sizes are those from 8 to 16 s; a tenth of them at other times."""
+    frames = []
+    for log, (part, before, after) in logs.items():
+        for channel, factor in (("accel_y", 1.0), ("yaw_rate", 1.5)):
+            t = 0.04 * np.arange(750)
+            shape = np.where((t >= 8) & (t < 16), 1.0, 0.1) * factor
+            frame = {"part": part, "log": log, "channel": channel, "time": t, "measured": 1.0}
+            frame |= {"predicted_before": 2.0, "predicted_after": 3.0}
+            frames.append(
+                pd.DataFrame(frame | {"residual_before": before * shape, "residual_after": after * shape})
+            )
+    table = pd.concat(frames, ignore_index=True)
+    for name in ("part", "log"):
+        table[name] = table[name].astype("category")
+    table["channel"] = pd.Categorical(table["channel"], list(MEASURES))
+    return table
+
+
+def test_the_best_moment_is_where_adding_helped_most_in_a_held_out_log():
+    table = make_table(a=("fit", 9.0, 1.0), b=("fit", 20.0, 19.5), c=("held_out", 5.0, 1.0))
+    moment, channel, where = pictures.find_best_moment(table.sample(frac=1, random_state=1))
+    assert (channel, where) == ("yaw_rate", "c, held out")
+    assert moment["time"].is_monotonic_increasing
+    assert (moment["time"].iloc[0], len(moment)) == (pytest.approx(8.0), 200)
+    assert set(moment["log"]) == {"c"} and set(moment["channel"]) == {"yaw_rate"}
+    fitted = make_table(a=("fit", 9.0, 1.0), b=("fit", 20.0, 15.0))
+    fitted.loc[600, "residual_before"] = 60.0  # one row
+    assert pictures.find_best_moment(fitted)[2] == "b"  # 175 is more than 80
+    same = make_table(a=("fit", 2.0, 2.0), b=("fit", 3.0, 3.0))
+    same.loc[same["time"] < 1, "residual_before"] = np.nan
+    same["residual_after"] = same["residual_before"]
+    assert pictures.find_best_moment(same)[1:] == ("yaw_rate", "b")  # nothing was added
+
+
+def test_logs_with_the_largest_residuals_are_drawn_in_their_order(monkeypatch):
+    table = make_table(
+        a=("fit", 1.0, 1.0), b=("fit", 3.0, 1.0), c=("fit", 2.0, 9.0), d=("held_out", 4.0, 1.0)
+    )
+    assert [log for _, log in pictures._list_logs(table)] == ["a", "b", "c", "d"]
+    monkeypatch.setattr(pictures, "MAX_DRAWN_LOGS", 3)
+    assert pictures._list_logs(table) == [("fit", "b"), ("fit", "c"), ("held_out", "d")]
+
+
+def test_the_overlay_has_lines_of_each_source_and_a_button_for_each_log():
+    table = make_table(a=("fit", 1.0, 1.0), b=("held_out", 3.0, 1.0))
+    table = table.drop(table[(table["log"] == "a") & (table["time"] > 4) & (table["time"] < 10)].index)
+    figure = pictures.draw_overlay(table.sample(frac=1, random_state=1))
+    assert [(t.name, t.yaxis) for t in figure.data[:6]] == [
+        (name, axis) for axis in ("y", "y2") for name in ("measured", "before", "after")
+    ]
+    assert [np.nanmax(t.y) for t in figure.data[:3]] == [1, 2, 3]
+    assert [t.visible for t in figure.data] == [True] * 6 + [False] * 6
+    assert [t.showlegend for t in figure.data[:6]] == [True] * 3 + [False] * 3
+    assert [a.text for a in figure.layout.annotations] == ["accel_y [m/s2]", "yaw_rate [rad/s]"]
+    one, two = figure.layout.updatemenus[0].buttons
+    assert (one.label, two.label) == ("a", "b (held out)")
+    assert list(two.args[0]["visible"]) == [False] * 6 + [True] * 6
+    line = figure.data[0]
+    assert np.isnan(np.asarray(line.y, float)).sum() == 1 and np.all(np.diff(line.x) >= 0)
+    assert line.x[-1] == pytest.approx(29.96)
+
+
+def test_bars_have_the_interval_of_the_change_from_before_to_after():
+    changes = {
+        "accel_y": ChannelChange(2.0, 1.5, -0.25, (-0.3, -0.15)),
+        "yaw_rate": ChannelChange(4.0, 1.0, -0.75, (-0.7, -0.6)),
+    }
+    figure = pictures.draw_gap_bars({"fit": changes, "held_out": {"yaw_rate": changes["yaw_rate"]}})
+    before, after, *_ = figure.data
+    assert (before.name, list(before.x), list(before.y)) == ("before", ["accel_y", "yaw_rate"], [2.0, 4.0])
+    assert (after.name, list(after.y)) == ("after", [1.5, 1.0])
+    assert list(after.error_y.array) == pytest.approx([2 * 0.85 - 1.5, 0.6])
+    assert list(after.error_y.arrayminus) == pytest.approx([1.5 - 2 * 0.7, 0.0])  # 4 (1 - 0.7) is above 1
+    assert [a.text for a in figure.layout.annotations] == ["fitted logs", "held-out logs"]
+    assert [s.y0 for s in figure.layout.shapes] == [1.0, 1.0]
+    assert [t.showlegend for t in figure.data] == [True, True, False, False]
+
+
+# ---- numbers and facts of the report
+
+
+@pytest.mark.parametrize(
+    ("x", "text"),
+    [(0.123, "12 %"), (0.99, "99 %"), (0.991, "> 99 %"), (1.0, "> 99 %"), (1.2, "120 %"), (-0.3, "0 %")],
+)
+def test_a_share_is_in_percent_and_not_below_0(x, text):
+    assert report.format_percent(x) == text
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        ((0.01234,), "0.0123"),
+        ((12.0, "m"), "12 m"),
+        ((2.5, "1"), "2.5"),
+        ((np.inf, "m"), "never"),
+        ((0.123456, "s", 4), "0.1235 s"),
+    ],
+)
+def test_a_size_has_its_unit(args, text):
+    assert report.format_size(*args) == text
+
+
+def test_effects_are_sorted_by_how_visible_they_are():
+    found = [
+        SimpleNamespace(id=i, smallest=s, typical=t) for i, s, t in (("a", 1, 1), ("b", 3, 10), ("c", 0.5, 1))
+    ]
+    assert [d.id for d in report.sort_by_size(found)] == ["b", "c", "a"]
+
+
+def test_the_facts_are_logs_noise_and_stiffness_before_and_after(config):
+    logs = make_logs(config, "a", "b", "c")
+    for log, sd in zip(logs, (0.01, 0.05, 0.02), strict=True):
+        log.noise["yaw_rate"] = sd
+    del logs[1].noise["accel_x"]
+    problem = SimpleNamespace(logs=logs)
+    baseline = SimpleNamespace(values=dict.fromkeys(STIFFNESS, 0.9))
+    result = SimpleNamespace(problem=problem, held=None, naming=SimpleNamespace(baseline=baseline))
+    shown = report.ReportInput(result, "car", pd.DataFrame(), {}, {}, dict.fromkeys(STIFFNESS, 1.25))
+    facts = dict(report.list_facts(shown))
+    assert facts["Logs fitted"] == "a (3 s); b (3 s); c (3 s)" and "Logs held out" not in facts
+    noise = facts["Sensor noise of one row, from the logs"]
+    assert noise == "accel_x 0.06 m/s2, accel_y 0.06 m/s2, yaw_rate 0.02 rad/s"
+    assert facts["Rear cornering stiffness, ratio to the vehicle file"] == "0.900 before, 1.250 after"
+    result.held = SimpleNamespace(logs=logs[:1])
+    assert dict(report.list_facts(shown))["Logs held out"] == "a (3 s)"
+
+
+def test_the_page_says_verdict_remainder_and_whether_something_was_added(monkeypatch, tmp_path):
+    """The templates are tested by whole runs; here is what the code says beside them."""
+    made = {}
+    monkeypatch.setattr(report, "list_facts", lambda _: [])
+    monkeypatch.setattr(report.pictures, "draw_overlay", lambda _: None)
+    monkeypatch.setattr(
+        report, "write_page", lambda path, template, sections, **words: made.update(words, sections=sections)
+    )
+    gain = {
+        "log_evidence_per_row": {"before": 1, "after": 2},
+        "valid": {w: dict.fromkeys(STIFFNESS, 1) for w in output.BOTH},
+    }
+    changes = {"yaw_rate": ChannelChange(2.0, 1.0, -0.5, (-0.6, -0.4))}
+
+    def write(result: SimpleNamespace) -> dict:
+        shown = report.ReportInput(
+            result, "car", make_table(a=("fit", 1.0, 1.0)), {"fit": changes}, gain | {"logs": []}, {}
+        )
+        report.write_report(tmp_path / "r.html", shown)
+        return made
+
+    claim = "Nothing was added, so after is the same as before."
+    words = write(make_result("none"))
+    assert (
+        words["title"] == "Nothing is missing" and words["place"] == "" and claim in words["sections"][0][1]
+    )
+    assert claim not in write(make_result("named", "mass"))["sections"][0][1]
+    formula = SimpleNamespace(text="x", place="yaw_moment")
+    words = write(make_result("not_in_catalogue", formula=formula))
+    assert claim not in words["sections"][0][1] and words["title"] == "Not in the catalogue"
+    assert "yaw" in words["place"]
