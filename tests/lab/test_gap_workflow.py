@@ -807,3 +807,201 @@ def test_of_both_hidden_effects_the_one_that_is_harder_to_separate_counts(
         (["steering_lag"], []),
         (["steering_lag"], ["relaxation_length"]),
     ]
+
+
+# ---- a whole run, whose slow steps are made up
+
+
+@pytest.fixture
+def whole(monkeypatch, vehicle_path, config):
+    """Return a function that runs the workflow, and what its steps were given.
+
+    The car has body roll, which is named; the logs are one slalom, fitted and held out.
+    """
+    ready = {
+        name: replace(prepare_candidate(make_candidate(), config)[0], notes=[f"note of {name}"])
+        for name in ("fitted", "held", "bare")
+    }
+    ready["bare"] = replace(ready["bare"], stretches=[])
+    car, seen = read_vehicle(vehicle_path), {}
+    roll = name_effect(look_alikes=["imu_scale_ay"])
+    naming = make_naming(roll, fit=make_fit(Problem([ready["fitted"]], config), roll.values))
+    naming.baseline = make_fit(Problem([ready["fitted"]], config), {"cy_front": 1.2}, 3.0)
+
+    def record(key, result):
+        return lambda *given, **_: seen.setdefault(key, []).append(given) or result(*given)
+
+    stubs = {
+        "read_vehicle": lambda _: car,
+        "read_logs": lambda logs, *_: (list(logs), config),
+        "read_agreeing": lambda logs, *_: list(logs),
+        "prepare": lambda log, _: ready[log],
+        "find_roads": lambda logs, *_: workflow.Roads(logs, ["a profile"]),
+        "closes_part": lambda *_: True,
+        "place_on_roads": lambda roads, held, *_: held.of(held.logs),
+        "explain_remainder": lambda few, held, before, say: (find_formula(formula=None), before, ["a rival"]),
+        "calibrate_every_car": lambda *_: "every car",
+        "compute_stages": lambda level, *_: {"yaw_rate": level.logs[0].notes},
+        "leaves_something": lambda *_: False,
+        "is_long": lambda _: False,
+    }
+    for key, result in stubs.items():
+        monkeypatch.setattr(workflow, key, record(key, result))
+    steps = {
+        (workflow.name, "fit_plain_car"): lambda p: make_fit(p, size=2.0),
+        (workflow.name, "name_effects"): lambda *_: naming,
+        (workflow.where, "find_conditions"): lambda *_: [],
+        (workflow.where, "find_entries"): lambda *_: [],
+        (workflow.remainder, "find_remainders"): lambda *_: [],
+        (workflow.detect, "compute_detectable"): lambda *_: [
+            make_detectable("relaxation", 0.5), make_detectable("mass", 2.0),
+            make_detectable("imu_scale_ay", 3.0),
+        ],
+    }  # fmt: skip
+    for (module, key), result in steps.items():
+        monkeypatch.setattr(module, key, record(key, result))
+
+    def run(*logs, **more):
+        return workflow.run_workflow(logs or ["fitted"], vehicle_path, **more)
+
+    return SimpleNamespace(run=run, seen=seen, car=car, naming=naming, patch=monkeypatch, config=config)
+
+
+def test_a_run_without_held_out_logs_has_one_part_and_no_search_for_a_formula(whole):
+    found = whole.run()
+    assert (found.verdict, found.held, found.held_level, found.held_out) == ("named", None, None, {})
+    assert list(found.stages) == ["fit"] and found.read == [("fit", "fitted")] and found.discovery is None
+    assert "explain_remainder" not in whole.seen and found.notes == ["note of fitted"]
+    assert found.fit_before == pytest.approx(dict.fromkeys(MEASURES, 3.0))
+    assert found.fit_after == pytest.approx(dict.fromkeys(MEASURES, 1.0))
+    assert found.roads.found == ["a profile"] and whole.seen["name_effects"][0][4] == ["a profile"]
+
+
+def test_effects_are_visible_or_not_among_those_that_are_not_named(whole):
+    found = whole.run()
+    _, fit, effects = whole.seen["compute_detectable"][0]
+    assert fit is whole.naming.final and {e.id for e in effects} == set(load_catalogue()) - {"body_roll"}
+    assert [d.id for d in found.undetectable] == ["mass"]  # no look-alike of a name
+    assert [d.id for d in found.detectable] == ["relaxation", "mass", "imu_scale_ay"]
+
+
+def test_held_out_logs_are_compared_before_and_after_in_the_stages_and_in_the_verdict(whole):
+    whole.patch.setattr(
+        workflow.Problem,
+        "compute_residuals",
+        lambda self, values: np.full(len(self.weight), 4.0 if "cy_front" in values else 1.5),
+    )
+    whole.patch.setattr(
+        workflow.remainder, "find_remainders", lambda p, r, v, limit: [LEFT] if r.max() == 1.5 else []
+    )
+    found = whole.run(hold_out=["held"])
+    change = found.held_out["yaw_rate"]
+    assert (change.before, change.after) == pytest.approx((4.0, 1.5))
+    assert found.stages == {
+        "fit": {"yaw_rate": ["note of fitted"]},
+        "held_out": {"yaw_rate": ["note of held"]},
+    }
+    assert found.read == [("fit", "fitted"), ("held_out", "held")] and found.elsewhere == [LEFT]
+    assert found.remainders == [] and found.notes == ["note of fitted", "note of held"]
+    assert any("does not explain the held-out logs" in w for w in found.words)
+    fitted, held = whole.seen["compute_stages"]
+    assert [part[1][0].notes for part in (fitted, held)] == [["note of fitted"], ["note of held"]]
+    assert held[0] is found.held_level is not found.held is held[3][0] and fitted[0] is found.level
+    assert fitted[2] == held[2] == "every car" and fitted[3][1] == held[3][1] == whole.naming.final.values
+    assert whole.run(hold_out=["bare"]).held is None
+
+
+@pytest.mark.parametrize("cause", ["asked", "held", "left"])
+def test_a_formula_is_searched_for_if_asked_for_or_if_something_is_left(whole, cause):
+    if cause == "held":
+        whole.patch.setattr(workflow, "leaves_something", lambda *_: True)
+    if cause == "left":
+        whole.patch.setattr(workflow, "find_excess_remainders", lambda *_: [LEFT])
+    found = whole.run(formula=cause == "asked")
+    assert found.discovery is not None and found.rivals == ["a rival"]
+    assert len(whole.seen["explain_remainder"]) == 1
+    whole.car.formula = FORMULA
+    again = whole.run(formula=True)
+    assert again.discovery is None and len(whole.seen["explain_remainder"]) == 1
+    assert "the formula a1 of the vehicle file is kept, so no formula is searched for" in again.notes
+
+
+def test_a_formula_moves_the_sizes_that_were_fitted_with_it(whole):
+    later = make_fit(
+        Problem(prepare_candidate(make_candidate(), whole.config), whole.config), {"body_roll_gain": 0.013}
+    )
+    discovery = find_formula(fit=later)
+    whole.patch.setattr(workflow, "explain_remainder", lambda few, held, before, say: (discovery, before, []))
+    (named,) = whole.run(formula=True).naming.named
+    assert named.values["body_roll_gain"] == 0.013
+    assert named.ci95["body_roll_gain"] == pytest.approx((0.012, 0.014))
+
+
+def test_roads_that_explain_nothing_are_level(whole):
+    whole.patch.setattr(workflow, "closes_part", lambda *_: False)
+    found = whole.run()
+    assert found.problem is found.level and found.roads.found == []
+    whole.patch.setattr(workflow, "closes_part", lambda *_: True)
+    assert whole.run().problem is not found.level
+
+
+def test_a_fit_that_has_not_converged_is_said_and_a_log_that_cannot_be_compared_is_refused(whole):
+    whole.naming.converged = False
+    assert whole.run().notes[-1].startswith("the last fit has not converged")
+    with pytest.raises(UserError, match="note of bare"):
+        whole.run("bare")
+
+
+def test_of_long_logs_an_excerpt_is_searched_and_all_is_fitted_at_the_end(whole):
+    short = Problem(prepare_candidate(make_candidate(3.0), whole.config), whole.config)
+    whole.patch.setattr(workflow, "is_long", lambda _: True)
+    whole.patch.setattr(workflow, "choose_excerpt", lambda problem, fit: short)
+    last = make_naming(name_effect(value=0.02), fit=make_fit(None, {"body_roll_gain": 0.02}))
+    last.final = last.baseline = make_fit(
+        Problem(prepare_candidate(make_candidate(), whole.config), whole.config), {}
+    )
+    whole.patch.setattr(workflow.name, "refit_on_all", lambda problem, naming, baseline: last)
+    found = whole.run()
+    assert whole.seen["name_effects"][0][0] is short and whole.seen["compute_detectable"][0][0] is short
+    assert found.naming is last and found.problem.logs[0].seconds > short.logs[0].seconds
+    assert "the search for effects uses the most informative 2 s of 4 s" in found.notes
+
+
+def test_a_check_of_logs_that_cannot_be_compared_says_why(monkeypatch, vehicle_path, config):
+    (log,) = prepare_candidate(make_candidate(), config)
+    log = replace(log, stretches=[], notes=["too slow"])
+    monkeypatch.setattr(
+        check.workflow, "read_logs", lambda *_: ([SimpleNamespace(notes=["of the log"])], config)
+    )
+    monkeypatch.setattr(check, "prepare_all", lambda *_: [log])
+    with pytest.raises(UserError, match=r"^too slow$"):
+        check.check_model([Path("x")], vehicle_path)
+
+
+def test_a_check_has_the_gap_of_the_fitted_car_and_the_notes_of_the_logs(monkeypatch, vehicle_path, config):
+    log = replace(prepare_candidate(make_candidate(), config)[0], notes=["of the problem"])
+    monkeypatch.setattr(
+        check.workflow, "read_logs", lambda *_: ([SimpleNamespace(notes=["of the log"])], config)
+    )
+    monkeypatch.setattr(check, "prepare_all", lambda *_: [log])
+    monkeypatch.setattr(
+        check, "fit_parameters", lambda problem, parameters, start: make_fit(problem, size=1.25)
+    )
+    monkeypatch.setattr(check.detect, "compute_detectable", lambda problem, fit, effects: [len(effects)])
+    found = check.check_model([Path("x")], vehicle_path)
+    assert found.gap == pytest.approx(dict.fromkeys(MEASURES, 1.25))
+    assert found.notes == ["of the log", "of the problem"] and found.effects == [len(load_catalogue())]
+
+
+def test_what_every_car_has_is_calibrated(vehicle_path, config):
+    """The steering angle is logged 30 ms late, and the front tyres are 20 % softer."""
+    ready = []
+    for log in prepare_candidate(make_candidate(pieces=2), config):
+        measured = simulate(config, log, MEASURES, {"cy_front": 0.8}, {})
+        late = np.interp(log.time - 0.03, log.time, log.inputs["steer_angle"])
+        ready.append(replace(log, measured=measured, inputs=log.inputs | {"steer_angle": late}))
+    bare = replace(ready[0], stretches=[])
+    found = stages.calibrate_every_car([*ready, bare], config, read_vehicle(vehicle_path), 1)
+    assert found.steer_angle_latency == pytest.approx(0.03, abs=0.003)
+    assert found.cornering_stiffness_front == pytest.approx(0.8 * 110e3, rel=0.03)
+    assert found.mass == config.mass and found.body_roll_gain == 0
