@@ -1,5 +1,7 @@
 """What tselab gap writes and draws: residuals, gain of the estimator, figures, tables."""
 
+import html
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +14,9 @@ from tse.car.vehicle import read_vehicle
 from tse.gaps.catalogue import Own, load_catalogue
 from tse.gaps.drives import Candidate, prepare_candidate
 from tse.gaps.fit import ChannelChange
+from tse.gaps.infer.detect import Detectable
+from tse.gaps.infer.naming import Named
+from tse.gaps.infer.where import Condition
 from tse.gaps.problem import Problem
 from tse.gaps.run import output, pictures, report
 from tse.identify.data import average_blocks
@@ -340,3 +345,115 @@ def test_the_page_says_verdict_remainder_and_whether_something_was_added(monkeyp
     words = write(make_result("not_in_catalogue", formula=formula))
     assert claim not in words["sections"][0][1] and words["title"] == "Not in the catalogue"
     assert "yaw" in words["place"]
+
+
+# ---- the page itself
+
+
+def read_cells(page: str, heading: str) -> list[list[str]]:
+    """Return the cells of the first table below a heading, without tags."""
+    table = page.split(heading, 1)[1].split("<table>", 1)[1].split("</table>", 1)[0]
+    rows = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", r, re.DOTALL) for r in table.split("</tr>")]
+    return [
+        [" ".join(html.unescape(re.sub(r"<[^>]+>", " ", c)).split()) for c in cells]
+        for cells in rows
+        if cells
+    ]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The page of a made-up run."""
+    roll, mass = load_catalogue()["body_roll"], load_catalogue()["mass"]
+    named = Named(
+        roll, {"body_roll_gain": 0.02}, {"body_roll_gain": (0.018, 0.022)}, 0.6, 40.4, 0.95, ["mass"]
+    )
+    other = Named(mass, {"mass_change": -0.15}, {"mass_change": (-0.16, -0.14)}, 0.1, 9.0, 0.999)
+    possible = [{"id": "relaxation", "probability": 0.4, "why": "below 90 %"}]
+    sets = [{"ids": ["body_roll", "mass"], "probability": 0.8}, {"ids": [], "probability": 0.2}]
+    naming = SimpleNamespace(named=[named, other], possible=possible, sets=sets, baseline=None)
+    number = SimpleNamespace(name="k", text="factor", value=2.0, unit="rad/s/m", sd=None)
+    formula = SimpleNamespace(
+        text="k * vel_y", place="yaw_moment", numbers=[number], found={"driven_vel_y": [-1.0, 2.5], "nats": 3}
+    )
+    tried = [{"place": "yaw_moment", "formula": "k * vel_y", "nats": 12.3, "share": 0.3, "held_out": True},
+             {"place": "front_angle", "formula": "k", "nats": 2, "share": 0.1, "held_out": 0}]  # fmt: skip
+    result = SimpleNamespace(
+        verdict="not_in_catalogue", words=["Words of the <run>."], notes=["a note"], naming=naming,
+        formula=formula, discovery=SimpleNamespace(tried=tried),
+        conditions=[Condition("yaw_rate", f"c{k}", 0.5 - 0.1 * k) for k in range(14)],
+        remainders=[SimpleNamespace(words="yaw_rate is left")],
+        elsewhere=[SimpleNamespace(words="accel_y there")],
+        undetectable=[make_detectable("relaxation", 1.4), make_detectable("mass", np.inf)],
+        detectable=[make_detectable("relaxation", 1.4), make_detectable("bank", 0.01)],
+        rivals=[{"ids": [], "formula": "k", "probability": 0.3},
+                {"ids": ["mass"], "formula": None, "probability": 0.7}],
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("page") / "r.html"
+    gain = {"log_evidence_per_row": {"before": 1, "after": 2},
+            "valid": {w: dict.fromkeys(STIFFNESS, 1) for w in output.BOTH}, "logs": []}  # fmt: skip
+    changes = {"fit": {"yaw_rate": ChannelChange(2.0, 1.0, -0.5, (-0.6, -0.4))}}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "list_facts", lambda _: [("Logs fitted", "a (3 s)")])
+        patch.setattr(report.pictures, "draw_overlay", lambda _: None)
+        shown = report.ReportInput(
+            result, "car.toml", make_table(a=("fit", 1.0, 1.0)), changes, gain, {}, ["of car"]
+        )
+        report.write_report(path, shown)
+    return path.read_text(encoding="utf-8")
+
+
+def make_detectable(i: str, smallest: float) -> Detectable:
+    p = load_catalogue()[i].strengths[0]
+    return Detectable(i, p.name, p.unit, smallest, 0.5, 0.25)
+
+
+def test_a_named_effect_is_in_the_page_with_interval_typical_size_and_look_alikes(page):
+    head, roll, mass = read_cells(page, "<h2>Named effects</h2>")
+    assert head[:4] == ["Effect", "Parameter", "Value", "95 %"]
+    assert roll[0].startswith("body_roll") and roll[1].startswith("gain")
+    assert roll[2:] == [
+        "0.02 rad s2/m", "0.018 .. 0.022", "0.0053 .. 0.0107 not typical", "95 %", "60 %", "40", "mass",
+    ]  # fmt: skip
+    assert mass[5:] == ["> 99 %", "10 %", "9", "none left"] and "not typical" not in mass[4]
+
+
+def test_a_formula_is_in_the_page_with_place_numbers_and_range(page):
+    assert "<code>k * vel_y</code><br>added at <b>yaw_moment</b>: " in page
+    assert read_cells(page, "A formula for what is not in the catalogue")[1] == ["k factor", "2 rad/s/m", "-"]
+    assert "vel_y -1 .. 2.5. Outside this range" in page
+    tried = read_cells(page, "2 formulas that were simulated")[1:]
+    assert tried == [
+        ["yaw_moment", "k * vel_y", "12", "30 %", "yes"], ["front_angle", "k", "2", "10 %", "no"],
+    ]  # fmt: skip
+
+
+def test_the_page_has_words_notes_conditions_and_what_is_left(page):
+    assert "<p>Words of the &lt;run&gt;.</p>" in page and "<li>a note</li><li>of car</li>" in page
+    conditions = read_cells(page, "Under which conditions")
+    assert len(conditions) == 13 and conditions[1] == ["yaw_rate", "c0", "+0.50"] and "And 2 weaker;" in page
+    assert conditions[7][2] == "-0.10"
+    assert "<li>yaw_rate is left</li>" in page and "<li>Held-out logs: accel_y there</li>" in page
+    assert read_cells(page, "What the estimator gains")[1][1:] == ["1.000", "2.000"]
+    assert read_cells(page, "<h2>The run</h2>") == [["Logs fitted", "a (3 s)"]]
+
+
+def test_the_page_has_effects_that_could_not_be_seen_and_those_that_were_not_found(page):
+    hidden = read_cells(page, "What these logs could not have shown")
+    assert hidden[1] == [
+        "relaxation",
+        "length",
+        "1.4 m",
+        "0.5 m",
+        "25 %",
+        load_catalogue()["relaxation"].channels,
+    ]
+    assert hidden[2][:3] == ["mass", "change", "never"]
+    assert "1 effects that would have been visible" in page
+    assert read_cells(page, "1 effects that would have been visible")[1][:3] == ["bank", "angle", "0.01 rad"]
+    assert read_cells(page, "Combinations of names and formulas")[1:] == [
+        ["no name", "k", "30 %"],
+        ["mass", "-", "70 %"],
+    ]
+    assert read_cells(page, "The sets of effects")[1:] == [["body_roll + mass", "80 %"], ["nothing", "20 %"]]
+    assert "relaxation (40 %: below 90 %)" in page

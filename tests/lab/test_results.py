@@ -1,6 +1,7 @@
 """Results of a run as exit code, table, document and text; tables of the library."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import pytest
 import tomllib
 
 from tse.car.vehicle import get_unknown_car, make_default_vehicle, read_vehicle
+from tse.estimation.answer import compute_held_stiffness, describe_rest
 from tse.estimation.estimate import Estimates
 from tse.estimation.regimes import Change, Spell, Stretch
 from tse.estimation.verdict import Finding, Quantity, Verdict
@@ -297,6 +299,73 @@ def test_a_page_has_its_figures_in_order_and_none_for_a_section_without_one(tmp_
     report.write_page(tmp_path / "p.html", "calibrate.html.j2", [("Left out", "c", None)], **words)
     page = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert 'class="plot"' not in page and len(page) < 100_000  # no library of plots
+
+
+def write_findings(path: Path, found: list[Finding], **more) -> str:
+    """Return the report of findings without figures."""
+    vehicle = make_default_vehicle()
+    vehicle.filled, vehicle.found = ["a value"], ["a cause"]
+    words = {"title": "log", "vehicle": vehicle, "findings": found, "spread": False, "most": 1, "events": []}
+    words |= {"facts": [("Log", "f")], "changed": [], "notes": ["a <note>"]}
+    filters = {"held": compute_held_stiffness, "beside": describe_rest}
+    report.write_page(path, "report.html.j2", [], filters=filters, **(words | more))
+    return path.read_text(encoding="utf-8")
+
+
+def read_rows(page: str, heading: str) -> list[list[str]]:
+    """Return the cells of the first table below a heading, without tags."""
+    table = page.split(heading, 1)[1].split("<table>", 1)[1].split("</table>", 1)[0]
+    rows = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", r, re.DOTALL) for r in table.split("</tr>")]
+    return [[" ".join(re.sub(r"<[^>]+>", " ", c).split()) for c in cells] for cells in rows if cells]
+
+
+def test_the_report_has_a_card_and_a_line_of_each_stiffness(tmp_path):
+    slip = Quantity("sideslip", "Sideslip angle", "deg", 3.0, 0.98, np.nan, "", 4.5, "the largest")
+    grip = Quantity(GRIP, "Grip", "1", 0.9, 0.1, 0.7, "", 4.5, "of grip")
+    found = make_finding("good", "partly", "none", others=(grip, slip))
+    found.verdicts[1] = replace(found.verdicts[1], smoothed=np.nan, smoothed_reason="", reason="")
+    found.verdicts[2] = replace(found.verdicts[2], smoothed_reason="uncertain", value=np.nan)
+    page = write_findings(tmp_path / "r.html", [found])
+    cards = [" ".join(re.sub(r"<[^>]+>", " ", c).split()) for c in page.split('<div class="verdict ')[1:]]
+    assert cards[0].startswith('good"> usable cx_front 110 ± 5 kN/rad (95 %)')
+    assert cards[1].startswith('partly"> usable in part cy_front 100 ± 10 kN/rad (95 %)')
+    assert cards[2].startswith('none"> not valid cy_rear 110 ± 5 kN/rad (95 %)')
+    assert cards[3].startswith('good"> Grip 0.90 ± 0.10 (95 %) of grip')
+    assert cards[4].startswith('partly"> Sideslip angle 3.00 ± 0.98 deg (95 %) the largest')
+    head, front, steer, rear, third, angle = read_rows(page, "<h2>Summary</h2>")
+    assert head[2] == "Smoothed over the log, with 95 % interval" and len(head) == len(front) == 6
+    assert front == [
+        "cx_front", "60.0 %", "110.0 ± 4.9 kN/rad, valid", "100.0 ± 9.8 kN/rad", "120.0 kN/rad",
+        "uncertain (30 % of the log)",
+    ]  # fmt: skip
+    assert (steer[2], steer[5]) == ("-", "-")
+    assert rear[2:4] == ["110.0 ± 4.9 kN/rad, not valid: uncertain", "-"]
+    assert third[:3] == ["Grip", "70.0 %", "0.90 ± 0.10"] and angle[1:3] == ["-", "3.00 ± 0.98 deg"]
+    for text in ("<li>a value</li>", "<li>a cause</li>", "<li>a &lt;note&gt;</li>"):
+        assert text in page
+    assert "What happened</h2>" not in page and read_rows(page, "<h2>The run</h2>") == [["Log", "f"]]
+
+
+def test_the_report_of_stretches_has_spread_events_and_what_was_changed(tmp_path):
+    found, _ = make_two_stretches()
+    found[0].verdicts[1] = replace(found[0].verdicts[1], spread=np.nan)
+    events = [("1.00 s", "road changed", "", "x 0.7"), ("2.00 s", "sliding", "95 %", "")]
+    mass = Config.exact().fields["mass"]
+    page = write_findings(
+        tmp_path / "r.html", found, spread=True, events=events, changed=[(mass, 1234.5)], notes=[]
+    )
+    assert page.count('<div class="verdict ') == 3  # cards of the first stretch only
+    assert page.count("From 2.0 .. 6.0 s") == 1 and "From 6.0" not in page
+    rows = read_rows(page, "<h2>Summary</h2>")
+    assert [r[0] for r in rows[1:]] == ["2.0 .. 6.0 s", "", "", "6.0 .. 12.0 s", "", ""]
+    assert rows[0][3] == "Smoothed over the stretch, with 95 % interval"
+    assert (rows[1][5], rows[2][5]) == ("5 %", "too small for this drive to measure")
+    assert rows[1][7] == "uncertain (30 % of the stretch)"
+    assert read_rows(page, "What happened")[1:] == [
+        ["1.00 s", "road changed", "-", "x 0.7"], ["2.00 s", "sliding", "95 %", "-"],
+    ]  # fmt: skip
+    changed = read_rows(page, "1 settings that differ from the defaults")[1]
+    assert changed[:2] == ["mass", "1234.5"] and changed[3:] == ["kg", mass.text]
 
 
 # ---- tables as text
