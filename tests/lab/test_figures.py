@@ -5,6 +5,8 @@ A drive of a few rows is drawn, and each line compared with its column.
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
@@ -391,13 +393,17 @@ def test_curves_of_a_replay_lie_below_each_other():
     assert [a.text for a in figure.layout.annotations] == ["a", "b"]
 
 
-def test_a_picture_is_written_at_the_end_and_needs_matplotlib(tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib")
+def test_a_picture_is_written_at_the_end_of_its_style_and_needs_matplotlib(tmp_path, monkeypatch):
+    """pyplot is made up: its import takes a second. Whole runs draw with the real one."""
+    pyplot = MagicMock()
+    pyplot.savefig.side_effect = lambda file, **_: file.write(b"picture")
+    monkeypatch.setitem(sys.modules, "matplotlib", SimpleNamespace(use=MagicMock(), pyplot=pyplot))
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", pyplot)
     with plots.open_picture(tmp_path / "p.png", {"font.size": 5}) as plt:
-        assert plt.rcParams["font.size"] == 5
-        plt.figure(figsize=(0.2, 0.2))
-        assert not (tmp_path / "p.png").exists()
-    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG") and not plt.get_fignums()
+        assert plt is pyplot and pyplot.rc_context.call_args.args == ({"font.size": 5},)
+        assert not (tmp_path / "p.png").exists() and not pyplot.close.called
+    assert (tmp_path / "p.png").read_bytes() == b"picture" and pyplot.close.called
+    assert pyplot.savefig.call_args.kwargs["format"] == "png"
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(UserError, match="pip install 'tse"), plots.open_picture(tmp_path / "q.png"):
         pass

@@ -374,7 +374,10 @@ def page(tmp_path_factory):
     naming = SimpleNamespace(named=[named, other], possible=possible, sets=sets, baseline=None)
     number = SimpleNamespace(name="k", text="factor", value=2.0, unit="rad/s/m", sd=None)
     formula = SimpleNamespace(
-        text="k * vel_y", place="yaw_moment", numbers=[number], found={"driven_vel_y": [-1.0, 2.5], "nats": 3}
+        text="k * vel_y",
+        place="yaw_moment",
+        numbers=[number],
+        found={"driven_vel_y": [-1.0, 2.5], "nats": [3, 4]},
     )
     tried = [{"place": "yaw_moment", "formula": "k * vel_y", "nats": 12.3, "share": 0.3, "held_out": True},
              {"place": "front_angle", "formula": "k", "nats": 2, "share": 0.1, "held_out": 0}]  # fmt: skip
@@ -421,7 +424,7 @@ def test_a_named_effect_is_in_the_page_with_interval_typical_size_and_look_alike
 def test_a_formula_is_in_the_page_with_place_numbers_and_range(page):
     assert "<code>k * vel_y</code><br>added at <b>yaw_moment</b>: " in page
     assert read_cells(page, "A formula for what is not in the catalogue")[1] == ["k factor", "2 rad/s/m", "-"]
-    assert "vel_y -1 .. 2.5. Outside this range" in page
+    assert "99 % of the time: vel_y -1 .. 2.5. Outside this range" in page
     tried = read_cells(page, "2 formulas that were simulated")[1:]
     assert tried == [
         ["yaw_moment", "k * vel_y", "12", "30 %", "yes"], ["front_angle", "k", "2", "10 %", "no"],

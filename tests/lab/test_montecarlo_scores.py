@@ -320,6 +320,12 @@ def test_means_leave_refused_rows_out():
 # ---- tables
 
 
+@pytest.fixture(autouse=True)
+def few_resamples(monkeypatch):
+    """200 instead of 2000: no interval here depends on it."""
+    monkeypatch.setattr(summary, "RESAMPLES", 200)
+
+
 def make_plan(*cases: Case, **more) -> engine.StudyPlan:
     cases = cases or (make_case("one"),)
     return engine.StudyPlan(
