@@ -33,8 +33,9 @@ def test_entries_are_the_new_values_and_those_of_a_burst_their_mean() -> None:
     assert len(time) == 39  # 0.9, 0.91 and 0.924 s are one entry
     assert time[at] == pytest.approx((0.9 + 0.91 + 0.924) / 3)
     assert value[at] == pytest.approx((x[9] + 7.0 + 2.0) / 3)
-    near = np.array([*t[:10], 0.93, *t[10:]])  # 0.3 steps later is no burst
-    assert len(select_entries(Series("accel_y", near, np.array([*x[:10], 7.0, *x[10:]])))[0]) == 40
+    more = np.append(burst, 2.03)  # 0.3 steps after 2.0 s is no burst
+    order = np.argsort(more)
+    assert len(select_entries(Series("accel_y", more[order], np.append(both, 9.0)[order]))[0]) == 40
 
 
 @pytest.mark.parametrize("hold", [True, False])
@@ -116,7 +117,7 @@ def test_cubics_are_exact_for_a_cubic() -> None:
 
 
 def test_a_cubic_is_through_the_two_entries_before_and_the_two_after() -> None:
-    """The error for s^4 is then s (s - 1) (s - 2) (s - 3) with s in 1 .. 2: at most 9/16."""
+    """The error for s^4 is then s (s - 1) (s - 2) (s - 3), s in 1 .. 2: at most 9/16."""
     t = np.arange(30.0)
     at = np.linspace(1.0, 28.0, 500)
     off = raster._interpolate_cubic(t, (t - 15.0) ** 4, at) - (at - 15.0) ** 4
