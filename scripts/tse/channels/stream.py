@@ -155,6 +155,7 @@ class Stream:
         # channel -> (rate [Hz], True if it has no held values), found in the last check
         self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf  # [s] time of the last check of rates and held values
+        self._noted: set[str] = set()  # notes on unknown units that were given
         self.last: dict[str, float] = {}  # channel -> [s] time of its last value
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
@@ -286,10 +287,11 @@ class Stream:
                 channels[n] = Channel(n, times[same], np.array(k.value), k.signal.unit or "", "", {})
         recording = Recording(Path("the bus"), "bus", channels)
         now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
-        first = not self.last
         found = map_signals(recording, SignalsFile(self._all.path, now), self._car, notes := [], max_lost=1.0)
-        if first:
-            self.notes += [n for n in notes if "(neither in the log nor in signals.toml)" in n]
+        # Channels arrive one after the other: each call may be the first for a channel.
+        new = {n for n in notes if "(neither in the log nor in signals.toml)" in n} - self._noted
+        self.notes += sorted(new)
+        self._noted |= new
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
             speed = found["vehicle_speed"]
             radius = self._car.values["wheel_radius_front"]
