@@ -549,7 +549,7 @@ def test_a_log_without_a_channel_or_too_short_gives_no_noise_of_it() -> None:
 
 
 def test_noise_is_that_of_the_rows_in_which_the_car_moves() -> None:
-    """It stands for most of the log, with a tenth of the noise, and a value is missing."""
+    """It stands for most of the log, with a tenth of the noise; a value is missing."""
     rng, n = np.random.default_rng(5), 4000
     roll = np.where(np.arange(n) < 2800, 0.0, 50.0)
     across = np.where(roll > 0, 0.3, 0.03) * rng.standard_normal(n)

@@ -589,6 +589,101 @@ def test_memories_in_memories_are_those_of_the_parts():
     )
 
 
+def test_a_value_of_a_million_or_more_is_0_on_either_side():
+    steer = np.array([9.99e5, 1e6, 5e6, -9.99e5, -1e6, -5e6, math.nan])
+    y = make("steer_angle", gain=0.5).evaluate({"steer_angle": steer}, 0.01)
+    assert y.tolist() == [4.995e5, 0.0, 0.0, -4.995e5, 0.0, 0.0, 0.0]
+
+
+def test_numbers_below_0_in_memories_are_those_without_a_sign_or_0():
+    """A limit or a play has a magnitude; a negative frequency, damping or time is 0."""
+    t = np.arange(0, 1, 0.01)
+    steer = {"steer_angle": np.sin(9 * t)}
+
+    def value(text, place="front_angle", **numbers):
+        units = {"pace": "rad/s", "w": "rad", "own": "Hz", "z": "1", "tau": "s"}
+        given = [Number(n, x, units[n]) for n, x in numbers.items()]
+        return make(text, *given, place=place).evaluate(steer, 0.01)
+
+    for text, name, x in (("limit(steer_angle, pace)", "pace", 2.0), ("play(steer_angle, w)", "w", 0.3)):
+        np.testing.assert_array_equal(value(text, **{name: x}), value(text, **{name: -x}))
+    second = "second(steer_angle, own, z)"
+    np.testing.assert_array_equal(value(second, own=-3.0, z=0.3), np.zeros(100))  # it stays at its start
+    np.testing.assert_array_equal(value(second, own=3.0, z=-0.3), value(second, own=3.0, z=0.0))
+    np.testing.assert_array_equal(
+        value("lag(steer_angle, tau)", tau=-1.0), value("lag(steer_angle, tau)", tau=0.0)
+    )
+    np.testing.assert_array_equal(value("late(steer_angle, tau)", tau=-0.1), steer["steer_angle"])
+
+
+def test_a_lag_without_a_time_stays_where_no_time_passes():
+    steer = np.array([0.0, 1.0, 5.0, 5.0])
+    y = make("lag(steer_angle, tau)", Number("tau", 0.0, "s")).evaluate(
+        {"steer_angle": steer}, np.array([0.01, 0.01, 0.0, 0.01])
+    )
+    assert y.tolist() == [0.0, 0.5, 0.5, 5.0]  # the means of two rows
+
+
+@pytest.mark.parametrize(
+    ("value", "is_allowed"), [(1e6, True), (-1e6, True), (1.1e6, False), (-1.1e6, False)]
+)
+def test_a_number_is_within_the_range_of_its_setting(value, is_allowed):
+    if is_allowed:
+        assert make("w", Number("w", value, "rad")).settings()["formula_a"] == value
+    else:
+        with pytest.raises(UserError, match=r"numbers.w.value: .* is outside the range of formula_a"):
+            make("w", Number("w", value, "rad"))
+
+
+@pytest.mark.parametrize(("depth", "is_allowed"), [(4, True), (5, False)])
+def test_results_are_lists_of_at_most_four_levels(depth, is_allowed):
+    fact: object = 1.5
+    for _ in range(depth):
+        fact = [fact]
+    if is_allowed:
+        assert Formula("it", "x", "front_angle", "w", (W,), 1.0, {"a": fact}).found["a"] == fact
+    else:
+        with pytest.raises(UserError, match=r"found\.a: .*cannot be stored"):
+            Formula("it", "x", "front_angle", "w", (W,), 1.0, {"a": fact})
+
+
+def test_an_expression_of_20_levels_is_allowed_and_one_of_21_is_not():
+    assert list_operations(make("-" * 19 + "w", W)) == ["a"] + ["neg"] * 19
+    with pytest.raises(UserError, match="is nested deeper than the 20 levels allowed"):
+        make("-" * 20 + "w", W)
+
+
+@pytest.mark.parametrize("text", ["w w", "w + v", "w +"])
+def test_a_column_counts_the_blanks_before_the_expression(text):
+    columns = []
+    for indent in (0, 3):
+        with pytest.raises(UserError) as error:
+            make(" " * indent + text, W)
+        columns.append(int(str(error.value).split("column ")[1].split(":")[0]))
+    assert columns[1] == columns[0] + 3
+
+
+def test_a_header_and_a_file_state_numbers_place_and_units():
+    numbers = (Number("w", 0.1234567, "rad", 0.0, "a play"), Number("k", 3.0, "1"))
+    formula = Formula("it", "a title", "yaw_moment", "rate(rate(play(steer_angle, w)))*k*7.5", numbers)
+    text = format_c_header(formula)
+    for line in (
+        "#ifndef TSE_FORMULA_IT_H",
+        "#define TSE_FORMULA_PLACE 4 /* yaw_moment */",
+        "  const tse_real t1 = formula_number(f, 0); /* w */",
+        "  const tse_real t2 = formula_play(f, t0, t1);",
+        "  const tse_real t5 = formula_number(f, 1); /* k */",
+        "  const tse_real t6 = formula_mul(t4, t5);",
+        "  const tse_real t7 = formula_number(f, 2); /* 7.5 */",
+        "  return t8;",
+        " * w [rad] is formula_a, 0.1234567 when written: a play",
+        " * 7.5 is formula_c",
+    ):
+        assert line in text.splitlines(), line
+    lines = format_toml(formula).splitlines()
+    assert {"value = 0.1234567  # rad", "sd = 0.0  # rad", "value = 3.0", 'text = "a play"'} <= set(lines)
+
+
 def test_a_formula_without_signals_is_a_constant():
     assert make("w", W, gain=2.0).evaluate({}, np.full(5, 0.01)) == pytest.approx(np.full(5, 0.004))
     with pytest.raises(KeyError):
