@@ -677,7 +677,7 @@ def test_a_problem_has_the_usable_logs_and_leaves_the_vehicle_as_it_was() -> Non
     q = workflow._make_problem([fast], vehicle, 1, [], lambda _: None)
     assert q.config.tyre_saturation_shape == 0.5 and "velocity_heading" not in q.prior.names
     fast.data[list(MEASURES)] = np.nan
-    with pytest.raises(UserError, match="no log has enough of accel_x, accel_y, yaw_rate"):
+    with pytest.raises(UserError, match="no log has enough samples of any of accel_x, accel_y, yaw_rate"):
         workflow._make_problem([fast], vehicle, 1, [], lambda _: None)
 
 

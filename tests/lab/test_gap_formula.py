@@ -524,7 +524,7 @@ def test_candidates_are_simulated_from_the_best_on_and_the_best_fit_comes_first(
     assert frame == ("frame", "problem", "last") and held == "held"
     assert [c.nats for c in tried] == [5.0, 3.0, 2.0]
     assert said[1:] == [
-        f"searching for a formula: {k} of 3, {x}"
+        f"searching for a formula: fit of candidate {k} of 3, {x}"
         for k, x in ((1, "b at force_y"), (2, "a at accel_x"), (3, "a at force_y"))
     ]
     assert "at 2 places" in said[0]

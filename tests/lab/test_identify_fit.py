@@ -433,7 +433,7 @@ def test_intervals_with_a_number_that_is_known_are_those_of_one_more_measurement
         (
             ("yaw_rate", "ins_vel_y"),
             [
-                "place of the velocity sensor in the vehicle file known to 2 cm",
+                "position of the velocity sensor known to 2 cm",
                 "yaw inertia known to 3 %",
                 "40 s of slalom at 65 km/h",
             ],

@@ -417,7 +417,7 @@ def test_columns_of_a_log_and_of_estimates_have_their_units():
     }  # fmt: skip
     assert {k: rows[k][1] for k in units} == units and "time" not in rows
     assert rows["cy_rear_valid"][2] == rows["grip_valid"][2] == "1 valid, 0 not"
-    assert rows["grip_reason"][2] == "valid, or in words why not" != rows["vel_x"][2]
+    assert rows["grip_reason"][2] == "valid, or why it is not valid" != rows["vel_x"][2]
     assert len(tables.est_columns_table().splitlines()) == len(rows)
 
 
