@@ -527,4 +527,4 @@ def test_candidates_are_simulated_from_the_best_on_and_the_best_fit_comes_first(
         f"searching for a formula: fit of candidate {k} of 3, {x}"
         for k, x in ((1, "b at force_y"), (2, "a at accel_x"), (3, "a at force_y"))
     ]
-    assert "at 2 places" in said[0]
+    assert "for 2 quantities of the model" in said[0]
