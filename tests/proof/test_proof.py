@@ -72,11 +72,24 @@ def test_every_fault_of_a_list_can_be_put_in_and_names_its_tests(listed):
 
 
 def test_the_lists_are_of_the_filter_and_of_the_whole_project():
-    first, whole = ([f.file.split("/") for f in faults.read_faults(x.file)] for x in faults.LISTS)
+    first, *others = ([f.file.split("/") for f in faults.read_faults(x.file)] for x in faults.LISTS)
     assert {"/".join(f[:2]) for f in first} == {"src/filter", "src/model"} and len(first) == 30
-    rooms = {f[2] for f in whole if f[:2] == ["scripts", "tse"]}
-    assert rooms >= {"estimation", "streaming", "identify", "calibration", "gaps", "readers", "channels"}
-    assert {f[0] for f in whole} == {"src", "fmu", "scripts"} and len(whole) == 40
+    assert len(others) == 3
+    for whole in others:
+        rooms = {f[2] for f in whole if f[:2] == ["scripts", "tse"]}
+        assert rooms >= {"streaming", "identify", "calibration", "gaps", "readers", "channels"}
+        assert {f[0] for f in whole} == {"src", "fmu", "scripts"} and len(whole) == 40
+
+
+def test_a_list_is_written_into_the_report_beside_the_others(tmp_path, monkeypatch):
+    report = tmp_path / "faults.md"
+    monkeypatch.setattr(faults, "REPORT", report)
+    faults.write_report({"faults_whole.toml": "## faults_whole.toml\n\nold\n"})
+    faults.write_report({"faults.toml": "## faults.toml\n\nfirst\n"})
+    faults.write_report({"faults_whole.toml": "## faults_whole.toml\n\nnew\n"})
+    text = report.read_text(encoding="utf-8")
+    assert text.index("## faults.toml\n\nfirst\n") < text.index("## faults_whole.toml\n\nnew\n")
+    assert "old" not in text and text.startswith("# Faults put in by hand\n")
 
 
 def test_the_table_names_every_fault():
