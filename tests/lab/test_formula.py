@@ -616,6 +616,13 @@ def test_numbers_below_0_in_memories_are_those_without_a_sign_or_0():
     np.testing.assert_array_equal(value("late(steer_angle, tau)", tau=-0.1), steer["steer_angle"])
 
 
+def test_the_step_before_the_first_row_is_not_used():
+    steer, step = {"steer_angle": np.arange(5.0)}, np.array([math.nan, 0.1, 0.1, 0.1, 0.1])
+    for text in ("late(steer_angle, tau)", "lag(steer_angle, tau)"):
+        formula = make(text, T)
+        np.testing.assert_array_equal(formula.evaluate(steer, step), formula.evaluate(steer, 0.1))
+
+
 def test_a_lag_without_a_time_stays_where_no_time_passes():
     steer = np.array([0.0, 1.0, 5.0, 5.0])
     y = make("lag(steer_angle, tau)", Number("tau", 0.0, "s")).evaluate(
