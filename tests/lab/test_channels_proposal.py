@@ -276,8 +276,8 @@ def test_a_sign_bit_changes_at_zero_and_is_set_at_large_values() -> None:
     signed = np.abs(x)
     signed[300] = -0.2
     assert find(bit, value=signed) is None  # it has its sign
-    both = {n: (n, t, bit) for n in ("angle_sgn_of_it", "angle_sgn", "angle_sgn_of")}
-    assert look_module._find_sign_bit("angle", t, np.abs(x), both) == "angle_sgn"
+    both = {n: (n, t, bit) for n in ("angle_sgn", "angle_s", "angle_sg")}
+    assert look_module._find_sign_bit("angle", t, np.abs(x), both) == "angle_s"
     assert find(bit, "quite_another_thing") is None
     assert find(2.0 * bit) is None
     assert find(np.roll(bit, 150)) is None  # it changes at large values
@@ -814,7 +814,7 @@ def lag(x: np.ndarray, late: float) -> np.ndarray:
 
 def test_latencies_are_those_behind_the_yaw_rate() -> None:
     x = make_wheels(yaw=lag(YAW, 0.04))
-    x["wheel_fl"] = x["wheel_fr"] = V  # only the rear wheels show the turn
+    x |= {n: w for n, w in make_wheels().items() if "wheel_f" in n}  # those in front are not late
     look = make_look(dict.fromkeys(x, "m/s"), **x, r=YAW, ay=lag(V * YAW, 0.06))
     for n in x:
         look.channels[n] = Channel(n, T + 0.001, look.x[n], "m/s")

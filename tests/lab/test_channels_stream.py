@@ -87,10 +87,10 @@ def make_frames(first: float, last: float, late: float = 0.0) -> list[CanFrame]:
 
 
 def read_rows(made: Stream, frames: list[CanFrame]) -> tuple[np.ndarray, dict]:
-    """Return the rows of all frames, asked for after each 50 ms."""
+    """Return the rows of all frames, asked for after each 0.1 s."""
     times, columns = [], {c: [] for c in made.list_columns()}
     done = 0
-    for now in np.arange(frames[0].time, frames[-1].time + 0.05, 0.05):
+    for now in np.arange(frames[0].time, frames[-1].time + 0.1, 0.1):
         upto = next((i for i in range(done, len(frames)) if frames[i].time > now), len(frames))
         made.add(frames[done:upto])
         done = upto
