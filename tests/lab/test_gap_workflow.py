@@ -410,6 +410,19 @@ def test_stages_are_rms_of_the_errors_in_the_units_of_the_channels(config):
     assert set(found) == set(MEASURES) and found["yaw_rate"].noise == pytest.approx(0.001)
 
 
+def test_the_calibrated_car_is_simulated_with_the_latencies_that_were_found(config):
+    """The steering angle is logged 40 ms late, which the vehicle file does not say."""
+    late = Config.exact(config.as_dict() | {"steer_angle_latency": 0.04})
+    ready = []
+    for log in prepare_candidate(make_candidate(pieces=1), config):
+        measured = simulate(config, log, MEASURES, {}, {})
+        steer = np.interp(log.time - 0.04, log.time, log.inputs["steer_angle"])
+        ready.append(replace(log, measured=measured, inputs=log.inputs | {"steer_angle": steer}))
+    level = Problem(ready, config)
+    yaw = stages.compute_stages(level, ready, late, (level, {}))["yaw_rate"]
+    assert yaw.filed > 0.003 and yaw.calibrated < 0.1 * yaw.filed
+
+
 def test_stages_are_said_in_their_order_with_noise_and_what_is_explained():
     yaw = stages.Stage(0.2, 0.02, 0.01, 0.004, 0.001)
     assert yaw.explained == pytest.approx(0.9996) and stages.Stage(0, 0, 0, 0, 0).explained == 1
