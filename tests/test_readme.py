@@ -138,7 +138,8 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     )
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
-    assert f"Ordinary car: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad, true" in README
+    printed = f"{int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad"
+    assert f"the program prints {printed} (95 % interval). The true value is" in README
     truth = pd.read_csv(log.with_name("truth.csv"))["true_cy_front"].iloc[-1]
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth
 
@@ -221,7 +222,9 @@ def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys
     found = [tuple(map(int, x)) for x in re.findall(r"(\d+) ± (\d+) kN.* usable, valid", said)]
     assert all(abs(mean - true) < half for (mean, half), true in zip(found, truth, strict=True))
     mean, half = found[0]
-    assert f"kN/rad, true {truth.iloc[0]:.0f}. Calibrated, as in Python: {mean} +- {half} */" in README
+    comment = " ".join(README.replace(" * ", " ").split())
+    assert f"The true value is {truth.iloc[0]:.0f}. Python's tse.estimate() first calibrates" in comment
+    assert f"calibrates the car on this log, and prints {mean} +- {half}. */" in comment
 
 
 @pytest.mark.parametrize(

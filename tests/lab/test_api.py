@@ -198,7 +198,7 @@ def test_the_next_drive_starts_from_what_was_learnt(drive, frame, result):
         (lambda f: f.iloc[:0], ["has no rows"]),
         (
             lambda f: f.assign(accel_y=np.nan, yaw_rate=np.nan),
-            ["accel_y and yaw_rate are missing: without either nothing"],
+            ["accel_y and yaw_rate are missing: the tyres cannot be estimated without one of them"],
         ),
         (lambda f: pd.concat([f, f[["accel_x"]]], axis=1), ["column accel_x appears more than once"]),
         (
