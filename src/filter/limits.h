@@ -292,10 +292,6 @@
                                          * logged steering angle. In real cars it does not lead, but follows
                                          * by 0 .. 130 ms. If it leads by more than this limit, the steering
                                          * angle is reported as late */
-#define MAX_LAG TSE_R(0.06)             /* [s] max lag of the steering, unless its prior sd is larger than a
-                                         * third of it. The model replaces the angle at the time t - lag by
-                                         * angle - lag x rate of the angle: at 0.06 s, a sine of 2 Hz is then
-                                         * 25 % too large */
 #define YAW_LATE TSE_R(0.11)            /* [s] max plausible latency of the yaw rate behind accel_y. Delays
                                          * on the vehicle bus, tyres that are stiffer than in the settings,
                                          * and an IMU ahead of its position in the settings cause such a

@@ -267,15 +267,15 @@ static int has_other_wheels(const tse_params *p, const tse_kalman *k)
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the estimated lag of the steering differs from the settings by more than
- * its prior allows, 3 sds, or is too large for the linear model of a lag. With a wrong lag
- * the steering angle is wrong while it changes. The cornering stiffness compensates for
- * this error, and is therefore wrong. */
+/* Return whether the estimated lag of the steering is wrong or too large: it differs from
+ * the settings by more than 3 sds of its prior, or from 0. The model is linear in the lag
+ * (angle - lag x rate of the angle), so a larger lag is wrong while the angle changes,
+ * even if the settings have it. The cornering stiffness compensates for a wrong angle,
+ * and is therefore wrong. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
   const tse_real lag = out->lag_steer, var = r_sqr(p->prior_sd[LATE]), max_var = r_mul(TAIL, var);
-  return var > TSE_R(0)
-      && (r_sqr(lag - p->prior[LATE]) > max_var || r_sqr(lag) > r_max(max_var, r_sqr(MAX_LAG)));
+  return var > TSE_R(0) && (r_sqr(lag - p->prior[LATE]) > max_var || r_sqr(lag) > max_var);
 }
 
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
