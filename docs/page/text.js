@@ -173,7 +173,9 @@ async function readText(name, bytes, breathe) {
   const d = findDialect(name, lines);
   if (ends) lines.pop();
   else if (lines.length > d.first + 1) {
-    notes.push(`line ${lines.length}, the last, has no line break: it may be cut inside a number and is left out`);
+    notes.push(
+      `line ${lines.length}, the last, has no line break: it may be cut inside a number and is left out`,
+    );
     lines.pop();
   } else throw new Wrong(`${name}: has one row, without a line break: it may be cut inside a number`);
   // refuse before minutes of reading

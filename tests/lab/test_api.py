@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from small_car import ROW
 
 import tse
 from conftest import tselab
@@ -26,14 +27,6 @@ from tselab.montecarlo.studies import make_study
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"
 CAR = {"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
-ROW = {
-    "steer_angle": 0.01,
-    "wheel_speed_front": 60.0,
-    "wheel_speed_rear": 60.0,
-    "accel_x": 0.0,
-    "accel_y": 1.0,
-    "yaw_rate": 0.05,
-}
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from types import MappingProxyType, SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from small_car import CAR, CODE, ROW
 
 import tse
 from tse import (
@@ -31,7 +32,7 @@ from tse.calibration.own import STOPPED
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimates, Learnt, list_est_columns
 from tse.gaps.run import workflow
-from tse.library.core import OUTPUT, REASON, STATUS, Config, library
+from tse.library.core import OUTPUT, STATUS, Config, library
 from tse.library.errors import UserError
 from tse.library.files import parse_toml, read_toml
 from tse.roads.road import Road
@@ -41,27 +42,7 @@ from tse.simulation import along, maneuvers
 from tse.simulation.along import ModelMisfit
 
 ROOT = Path(__file__).resolve().parents[2]
-CAR = {
-    "mass": 1650,
-    "lf": 1.2,
-    "lr": 1.5,
-    "wheel_radius_front": 0.32,
-    "wheel_radius_rear": 0.32,
-    "cornering_stiffness_front": 100e3,
-    "cornering_stiffness_rear": 150e3,
-    "longitudinal_stiffness_front": 80e3,
-    "longitudinal_stiffness_rear": 90e3,
-}
 NOMINAL = {"cx_front": 80e3, "cy_front": 100e3, "cy_rear": 150e3}
-ROW = {
-    "steer_angle": 0.01,
-    "wheel_speed_front": 60.0,
-    "wheel_speed_rear": 60.0,
-    "accel_x": 0.0,
-    "accel_y": 1.0,
-    "yaw_rate": 0.05,
-}
-CODE = {f.name: code for code, f in library().codes(REASON).items()}
 
 
 def replace(monkeypatch, module, name, result):

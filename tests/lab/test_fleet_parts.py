@@ -161,7 +161,7 @@ def utc(*parts: int) -> float:
         ("x/20240230.csv", None),
         ("x/120240203.csv", None),
         ("x/2024-13-01.csv", None),
-        ("2024-01-01/x/a.csv", None),  # a folder further up is none of the log
+        ("2024-01-01/x/a.csv", None),  # a folder further up is not that of the log
     ],
 )
 def test_a_date_in_a_name_is_its_start(tmp_path, name, when):
@@ -699,7 +699,8 @@ def test_cars_have_their_latest_usable_stiffness_and_the_reason_of_others(fleet)
     assert cars["along"].softest == "cx_front" and cars["along"].reason == "front, along 60 ± 4 kN"
     assert cars["along"].why == {"cy_front": "too few bends in this log"}
     assert (cars["none"].errors, cars["none"].softest, cars["soft"].errors) == (1, "", 0)
-    assert cars["none"].reason == "no log was read" and cars["soft"].reason == "front, in bends 70 ± 4 kN/rad"
+    assert cars["none"].reason == "no log was read"
+    assert cars["soft"].reason == "front, in bends 70 ± 4 kN/rad"
     assert Car("x", [], {}, dict.fromkeys(STIFFNESS, "held")).reason == "no stiffness is known: held"
 
 

@@ -63,7 +63,7 @@ def test_residuals_are_measured_minus_predicted_over_the_noise_before_and_after(
     np.testing.assert_allclose(
         fit["residual_after"], np.where(level.weight > 0, fitted.compute_residuals(after), np.nan), atol=1e-9
     )
-    np.testing.assert_allclose(  # a road of the fitted logs is none of the held-out ones
+    np.testing.assert_allclose(  # the held-out logs do not have the roads of the fitted ones
         other["residual_after"], np.where(held.weight > 0, held.compute_residuals(size), np.nan), atol=1e-9
     )
     assert np.abs(fit["residual_after"] - fit["residual_before"]).max() > 1

@@ -31,7 +31,7 @@ STIFFNESS = ("cx_front", "cy_front", "cy_rear")
     ("square", "variance"), [(0.5, 23.0), (1.0, 23.0), (1.44, 23.0), (2.0, 51.0), (5.0, 201.0)]
 )
 def test_what_a_model_leaves_counts_with_the_blocks_of_two_seconds(square, variance):
-    """50 blocks of 40 ms; at least what is left at 1.2 times the noise."""
+    """50 blocks of 40 ms; at least the remainder at 1.2 times the noise."""
     assert search.compute_variance(square) == pytest.approx(variance)
 
 

@@ -844,7 +844,7 @@ def whole(monkeypatch, vehicle_path, config):
     def record(key, result):
         return lambda *given, **_: seen.setdefault(key, []).append(given) or result(*given)
 
-    stubs = {
+    results = {
         "read_vehicle": lambda _: car,
         "read_logs": lambda logs, *_: (list(logs), config),
         "read_agreeing": lambda logs, *_: list(logs),
@@ -858,7 +858,7 @@ def whole(monkeypatch, vehicle_path, config):
         "leaves_something": lambda *_: False,
         "is_long": lambda _: False,
     }
-    for key, result in stubs.items():
+    for key, result in results.items():
         monkeypatch.setattr(workflow, key, record(key, result))
     steps = {
         (workflow.name, "fit_plain_car"): lambda p: make_fit(p, size=2.0),

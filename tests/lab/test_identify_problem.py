@@ -107,7 +107,7 @@ def test_a_channel_with_fewer_than_25_blocks_is_not_compared(blocks: int, compar
     assert make_problem(make_log(yaw_rate=some)).channels == (
         ("accel_x", "accel_y", "yaw_rate") if compared else ("accel_x", "accel_y")
     )
-    # of accel_x, 25 blocks are two values; in pieces of 9 blocks there is none
+    # of accel_x, 25 blocks are two values; pieces of 9 blocks are too short for a value
     rest = np.where(np.arange(ROWS) % 40 < 36, 0.1, np.nan)
     assert make_problem(make_log(accel_x=rest)).channels == ("accel_y", "yaw_rate")
 

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from small_car import CAR, CODE
 
 import tse
 from tse import _live
@@ -24,25 +25,13 @@ from tse.car.config import make_config
 from tse.channels.signals import read_signals
 from tse.estimation.estimate import Learnt, list_est_columns
 from tse.estimation.regimes import REGIMES
-from tse.library.core import OUTPUT, REASON, STATUS, NativeFilter, library
+from tse.library.core import OUTPUT, STATUS, NativeFilter, library
 from tse.library.errors import UserError
 from tse.readers.bus_text import CanFrame
 from tse.streaming import drive as part
 from tse.streaming import page as pages
 from tse.streaming.drive import Arrived, DriveState, LiveDrive, Reader, Record
 
-CAR = {
-    "mass": 1650,
-    "lf": 1.2,
-    "lr": 1.5,
-    "wheel_radius_front": 0.32,
-    "wheel_radius_rear": 0.32,
-    "cornering_stiffness_front": 100e3,
-    "cornering_stiffness_rear": 150e3,
-    "longitudinal_stiffness_front": 80e3,
-    "longitudinal_stiffness_rear": 90e3,
-}
-CODE = {f.name: code for code, f in library().codes(REASON).items()}
 STATE = {f.name: code for code, f in library().codes(STATUS).items()}
 IN_KILO = {"cx_front": 80.0, "cy_front": 100.0, "cy_rear": 150.0}  # nominal, kN and kN/rad
 
@@ -845,7 +834,7 @@ def test_what_a_check_finds_is_a_warning_once_and_what_is_certain_contradicts(be
     assert [s for s in read_said(live) if s.startswith("warning")] == [f"warning: {s}" for s in found]
     assert live.drive.contradicted == found[:1]
     found.clear()
-    live._check_channels(blocks)  # a contradiction that has gone is none
+    live._check_channels(blocks)  # a contradiction that has gone is not reported
     assert live.drive.contradicted == []
 
 

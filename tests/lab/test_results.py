@@ -377,6 +377,17 @@ def test_a_table_is_as_wide_as_its_widest_cells_with_numbers_on_the_right():
     assert tables.text_table(iter([("a", "b")])) == "a  b"
 
 
+def test_a_long_text_in_the_last_column_goes_on_in_the_next_line():
+    words = ["word"] * 60
+    lines = tables.text_table([["name", "1", " ".join(words)], ["b", "22", "short"]], right=(1,)).split("\n")
+    assert lines[0].startswith("name   1  word word") and lines[-1] == "b     22  short"
+    assert len(lines) == 5 and all(x.startswith(10 * " " + "word") for x in lines[1:-1])
+    assert " ".join(lines[:-1]).split() == ["name", "1", *words]
+    assert max(map(len, lines)) <= tables.MAX_WIDTH
+    wide = tables.text_table([["x" * 100, " ".join(words)]]).split("\n")
+    assert max(map(len, wide)) <= 102 + tables.MIN_TEXT
+
+
 def test_a_markdown_table_has_its_numbers_on_the_right():
     assert tables.format_markdown_table(["", "a", "b"], [["x", "1", "2"]], 2) == [
         "| | a | b |",
@@ -390,7 +401,7 @@ def test_a_markdown_table_has_its_numbers_on_the_right():
 def test_settings_are_listed_with_default_range_unit_and_meaning(which):
     fields = library().fields(which)
     text = tables.settings_table() if which == CONFIG else tables.sim_settings_table()
-    lines = text.splitlines()
+    lines = re.sub(r"\n +", " ", text).splitlines()  # long texts go on in the next line
     assert len(lines) == 1 + len(fields) and lines[0].split() == [
         "setting",
         "default",
@@ -418,15 +429,20 @@ def test_columns_of_a_log_and_of_estimates_have_their_units():
     assert {k: rows[k][1] for k in units} == units and "time" not in rows
     assert rows["cy_rear_valid"][2] == rows["grip_valid"][2] == "1 valid, 0 not"
     assert rows["grip_reason"][2] == "valid, or why it is not valid" != rows["vel_x"][2]
-    assert len(tables.est_columns_table().splitlines()) == len(rows)
+    names = [x.split()[0] for x in tables.est_columns_table().splitlines() if x[0] != " "]
+    assert names == list(rows)
 
 
 def test_codes_are_in_order_with_their_sentences_and_without_refusals():
     status, reasons = tables.codes_table().split("\n\nreason\n")
-    codes = {int(line[:3]): line[5:] for line in status.splitlines()[1:]}
+    whole = status.replace("\n     ", " ")  # texts that go on in the next line
+    codes = {int(line[:3]): line[5:] for line in whole.splitlines()[1:]}
     known = {code: f.text for code, f in library().codes(STATUS).items() if code >= 0}
     assert codes == known and list(codes) == sorted(codes)
+    reasons = reasons.replace("\n    ", " ")
     assert reasons.split("\n") == [f"  {f.name}: {f.text}" for f in library().fields(REASON)]
+    assert max(map(len, status.splitlines() + reasons.splitlines())) > tables.MAX_WIDTH
+    assert max(map(len, tables.codes_table().splitlines())) <= tables.MAX_WIDTH
 
 
 # ---- vehicle files to start from
@@ -461,6 +477,9 @@ def test_the_file_of_the_simulated_car_is_the_simulated_car(tmp_path):
 def test_a_line_of_a_vehicle_file_has_unit_range_and_what_0_means_only_where_0_is_allowed():
     fields = Config.exact().fields
     lines = {k: tables._format_line(fields[k], 0.5) for k in fields}
+    assert all(x.split("#")[0].isspace() for line in lines.values() for x in line.split("\n")[1:])
+    assert max(len(x) for line in lines.values() for x in line.split("\n")) <= tables.MAX_WIDTH
+    lines = {k: re.sub(r"\n +# ", " ", line) for k, line in lines.items()}
     assert lines["lf"].startswith("lf = 0.5  # m, ")
     for k, f in fields.items():
         before, _, about = f.text.partition("; 0: ")

@@ -547,7 +547,7 @@ def test_places_between_are_linear_and_at_a_jump_the_nearest():
     faster = module._interpolate_places(
         way, np.array([0.0, 4.9, 4.9, 0.1, 5.2]), np.array([0.5, 2.4, 3.4, 3.6])
     )
-    np.testing.assert_allclose(faster, [2.45, 2.98, 0.1, 5.2])  # a step of 4.9 is none, one of 5.1 is a jump
+    np.testing.assert_allclose(faster, [2.45, 2.98, 0.1, 5.2])  # 4.9 is a step, 5.1 a jump
 
 
 # ---- by path
@@ -649,7 +649,10 @@ def test_what_is_less_than_100_m_apart_is_one_place(apart, said, closed):
 def test_places_are_found_between_the_steps(shift, closed):
     """Places are 2.5 m apart; the car is `shift` m further than its places."""
     s = 2.5 * np.arange(200)
-    bend = lambda at: 0.01 * np.sin(2 * np.pi * 3 * at / 500) + 0.01 * np.cos(2 * np.pi * 7 * at / 500)  # noqa: E731
+
+    def bend(at):
+        return 0.01 * np.sin(2 * np.pi * 3 * at / 500) + 0.01 * np.cos(2 * np.pi * 7 * at / 500)
+
     place = np.array([-1, *range(20, 180), -1])
     turn = bend(np.where(place >= 0, s[place] + shift, 0.0))
     found = module._refine_places(place, bend(s), turn, 2.5, closed)

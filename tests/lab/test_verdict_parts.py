@@ -458,7 +458,7 @@ def test_a_contradictory_log_is_named_as_in_its_last_row():
     [
         (20.5, 0.0, "yaw_rate", 0.0, False),
         (19.5, 0.0, "yaw_rate", 0.0, True),
-        (15.0, 10.0, "yaw_rate", 0.0, True),  # the time at standstill is none of driving
+        (15.0, 10.0, "yaw_rate", 0.0, True),  # time at standstill does not count as driving
         (20.5, 0.0, "wheel_speed_front", 0.0, True),
         (20.5, 0.0, "yaw_rate", 2.0, True),
     ],
@@ -622,7 +622,7 @@ def test_a_change_begins_with_the_drift_of_the_stiffness_that_it_touches():
     assert find_begin(columns, time, 4, 0, 150, 199) == 150  # touches none
     assert find_begin(columns, time, 2, 120, 150, 199) == 120  # not before `first`
     away = columns | {"cy_front": np.where(time > 15, 1.5e5, moving)}
-    assert find_begin(away, time, 2, 0, 150, 199) == 150  # a drift away from the new value is none
+    assert find_begin(away, time, 2, 0, 150, 199) == 150  # a drift away from the new value does not count
 
 
 # ---- the answer

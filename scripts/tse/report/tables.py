@@ -1,6 +1,7 @@
 """Format the library's tables as text: settings, columns, and codes. Also make example
 vehicle files."""
 
+import textwrap
 from collections.abc import Iterable
 
 from tse.car.vehicle import (
@@ -14,19 +15,40 @@ from tse.car.vehicle import (
 from tse.estimation.estimate import list_est_columns, list_est_fields
 from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
 
+MAX_WIDTH = 108  # [characters] of a line of text; longer texts go on in the next line
+MIN_TEXT = 40  # [characters] least width of the last column of a table, however wide the others are
+
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
     """Return a table as text, with each column padded to its widest cell. `right` has the
-    indices of the columns that are aligned on the right."""
+    indices of the columns that are aligned on the right. If a line would be longer than
+    MAX_WIDTH, the text in the last column goes on in the next line."""
     rows = [list(r) for r in rows]
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     lines = []
     for r in rows:
-        cells = (
+        cells = [
             c.rjust(w) if i in right else c.ljust(w) for i, (c, w) in enumerate(zip(r, widths, strict=True))
-        )
-        lines.append("  ".join(cells).rstrip())
+        ]
+        first = "".join(f"{c}  " for c in cells[:-1])
+        lines += _wrap_text(cells[-1].rstrip(), first)
     return "\n".join(lines)
+
+
+def _wrap_text(text: str, first: str, then: str | None = None) -> list[str]:
+    """Return the lines of a text behind the characters `first`. The next lines begin with
+    `then`, by default as many spaces."""
+    width = max(MAX_WIDTH, len(first) + MIN_TEXT)
+    if len(first) + len(text) <= width:
+        return [f"{first}{text}".rstrip()]
+    return textwrap.wrap(
+        text,
+        width,
+        initial_indent=first,
+        subsequent_indent=" " * len(first) if then is None else then,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def format_markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
@@ -75,9 +97,13 @@ def est_columns_table() -> str:
 def codes_table() -> str:
     """Return as text, with explanations, the codes of the column status and the reasons
     why an estimate is not valid."""
-    lines = [f"{code:3d}  {f.text}" for code, f in sorted(library().codes(STATUS).items()) if code >= 0]
-    reasons = [f"{f.name}: {f.text}" for f in library().fields(REASON)]
-    return "status\n" + "\n".join(lines) + "\n\nreason\n  " + "\n  ".join(reasons)
+    lines = ["status"]
+    for code, f in sorted(library().codes(STATUS).items()):
+        lines += _wrap_text(f.text, f"{code:3d}  ") if code >= 0 else []
+    lines += ["", "reason"]
+    for f in library().fields(REASON):
+        lines += _wrap_text(f"{f.name}: {f.text}", "  ", "    ")
+    return "\n".join(lines)
 
 
 def sim_settings_table() -> str:
@@ -108,21 +134,24 @@ def example_vehicle() -> str:
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         '# driven_axle = "front"  # front, rear or both; the filter assumes that the other axle rolls freely',
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
-        *(f"# {_format_line(fields[name], getattr(car, name))}" for name in others),
+        *(_comment_out(_format_line(fields[name], getattr(car, name))) for name in others),
         "",
         "# Uncertainty of the values above: the sd of each. 0: known exactly. Left out: the values below, of",
         "# a car that has not been calibrated.",
         "# [uncertainty]",
-        *(f"# {_format_line(fields[name], get_unknown_car()[name])}" for name in list_uncertainty_settings()),
+        *(
+            _comment_out(_format_line(fields[name], get_unknown_car()[name]))
+            for name in list_uncertainty_settings()
+        ),
         "",
         "# Noise and bias of the sensors. Left out: those of ordinary sensors, then estimated while driving.",
         "# [sensors]",
-        *(f"# {_format_line(fields[name], getattr(car, name))}" for name in list_sensor_settings()),
+        *(_comment_out(_format_line(fields[name], getattr(car, name))) for name in list_sensor_settings()),
         "",
         "# Delay of each channel behind the gyro, as far as it is known. Negative: earlier than the gyro.",
         "# [latency]",
         *(
-            f"# {_format_line(fields[name], getattr(car, name), key)}"
+            _comment_out(_format_line(fields[name], getattr(car, name), key))
             for key, name in list_latency_settings().items()
         ),
         *_EFFECTS,
@@ -174,11 +203,19 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return the line of a vehicle file that sets a key to `value`, with unit, range and
-    meaning as a comment. `key`: the key, if it is not the name of the setting `f`."""
+    meaning as a comment, which may go on in further lines. `key`: the key, if it is not
+    the name of the setting `f`."""
     # If 0 is outside the range, remove the part of the text about the meaning of 0: a
     # vehicle file must then leave the key out, and not set it to 0.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
-    return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
+    setting = f"{key or f.name} = {float(value)!r}  # "
+    comment = f"{f.unit}, {f.low:g} .. {f.high:g}: {about}"
+    return "\n".join(_wrap_text(comment, setting, "# ".rjust(len(setting))))
+
+
+def _comment_out(lines: str) -> str:
+    """Return lines of a vehicle file as comments."""
+    return "\n".join(f"# {line}" for line in lines.split("\n"))
 
 
 def _find_unit(f: Field) -> str:
