@@ -17,22 +17,22 @@ import click
 
 from tse.errors import Error, NoFile
 
-MAX_WIDTH = 100  # max width of the output without --verbose
+MAX_OUTPUT_WIDTH = 100  # max width of the output without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")  # suffixes of tables and of pages
 
 
 def fold(text: str) -> list[str]:
-    """Wrap a text to the width MAX_WIDTH. Return its lines. All lines but the first are
+    """Wrap a text to MAX_OUTPUT_WIDTH. Return its lines. All lines but the first are
     indented by two more columns."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
-        text, MAX_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        text, MAX_OUTPUT_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
 
 
 def fold_all(texts: Iterable[str]) -> list[str]:
-    """Wrap several texts to MAX_WIDTH. Return their lines."""
+    """Wrap several texts to MAX_OUTPUT_WIDTH. Return their lines."""
     return [line for text in texts for line in fold(text)]
 
 

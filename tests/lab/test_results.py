@@ -383,7 +383,7 @@ def test_a_long_text_in_the_last_column_goes_on_in_the_next_line():
     assert lines[0].startswith("name   1  word word") and lines[-1] == "b     22  short"
     assert len(lines) == 5 and all(x.startswith(10 * " " + "word") for x in lines[1:-1])
     assert " ".join(lines[:-1]).split() == ["name", "1", *words]
-    assert max(map(len, lines)) <= tables.MAX_WIDTH
+    assert max(map(len, lines)) <= tables.MAX_TABLE_WIDTH
     wide = tables.text_table([["x" * 100, " ".join(words)]]).split("\n")
     assert max(map(len, wide)) <= 102 + tables.MIN_TEXT
 
@@ -441,8 +441,8 @@ def test_codes_are_in_order_with_their_sentences_and_without_refusals():
     assert codes == known and list(codes) == sorted(codes)
     reasons = reasons.replace("\n    ", " ")
     assert reasons.split("\n") == [f"  {f.name}: {f.text}" for f in library().fields(REASON)]
-    assert max(map(len, status.splitlines() + reasons.splitlines())) > tables.MAX_WIDTH
-    assert max(map(len, tables.codes_table().splitlines())) <= tables.MAX_WIDTH
+    assert max(map(len, status.splitlines() + reasons.splitlines())) > tables.MAX_TABLE_WIDTH
+    assert max(map(len, tables.codes_table().splitlines())) <= tables.MAX_TABLE_WIDTH
 
 
 # ---- vehicle files to start from
@@ -478,7 +478,7 @@ def test_a_line_of_a_vehicle_file_has_unit_range_and_what_0_means_only_where_0_i
     fields = Config.exact().fields
     lines = {k: tables._format_line(fields[k], 0.5) for k in fields}
     assert all(x.split("#")[0].isspace() for line in lines.values() for x in line.split("\n")[1:])
-    assert max(len(x) for line in lines.values() for x in line.split("\n")) <= tables.MAX_WIDTH
+    assert max(len(x) for line in lines.values() for x in line.split("\n")) <= tables.MAX_TABLE_WIDTH
     lines = {k: re.sub(r"\n +# ", " ", line) for k, line in lines.items()}
     assert lines["lf"].startswith("lf = 0.5  # m, ")
     for k, f in fields.items():

@@ -15,14 +15,14 @@ from tse.car.vehicle import (
 from tse.estimation.estimate import list_est_columns, list_est_fields
 from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
 
-MAX_WIDTH = 108  # [characters] of a line of text; longer texts go on in the next line
+MAX_TABLE_WIDTH = 108  # [characters] of a line of text; longer texts go on in the next line
 MIN_TEXT = 40  # [characters] least width of the last column of a table, however wide the others are
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
     """Return a table as text, with each column padded to its widest cell. `right` has the
     indices of the columns that are aligned on the right. If a line would be longer than
-    MAX_WIDTH, the text in the last column goes on in the next line."""
+    MAX_TABLE_WIDTH, the text in the last column goes on in the next line."""
     rows = [list(r) for r in rows]
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     lines = []
@@ -38,7 +38,7 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 def _wrap_text(text: str, first: str, then: str | None = None) -> list[str]:
     """Return the lines of a text behind the characters `first`. The next lines begin with
     `then`, by default as many spaces."""
-    width = max(MAX_WIDTH, len(first) + MIN_TEXT)
+    width = max(MAX_TABLE_WIDTH, len(first) + MIN_TEXT)
     if len(first) + len(text) <= width:
         return [f"{first}{text}".rstrip()]
     return textwrap.wrap(
