@@ -38,7 +38,9 @@ typedef struct decoded {
   int32_t off[2];           /* 1: the wheel speed of this axle has changed since the previous row, and is
                              * not a copy of the wheel speed of the other axle */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
-  int32_t no_second;        /* 1: only one speed is measured. Slip is computed from the force */
+  int32_t no_second;        /* 1: the wheel speeds of the two axles cannot be compared: one_speed is 1, or
+                             * an axle has had no wheel speed for USUAL_TIME and no velocity is measured.
+                             * The slips are then computed from the longitudinal force */
   tse_real optional[TSE_OPTIONALS]; /* optional channels; 0 if not given */
   uint32_t given;                   /* bits TSE_GIVEN_* of the optional channels */
   int32_t rolls;                    /* freely rolling axle: ROLLS_* */
@@ -107,7 +109,7 @@ typedef struct row_class {
   int held;      /* 1: the car is slow or in reverse, or steers by a large angle */
   int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is unknown
                   * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
-  int no_second; /* 1: only one speed is measured (decoded.no_second) */
+  int no_second; /* 1: the wheel speeds of the two axles cannot be compared (decoded.no_second) */
   int rolls;     /* freely rolling axle: ROLLS_* */
 } row_class;
 

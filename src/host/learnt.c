@@ -379,10 +379,11 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 #if !defined(TSE_NO_PARTICLES)
 /* Set the prior of the particle filter to the saved state, aged by age_s seconds.
  *
- * In each particle the variance of a mean stiffness is gamma Sigma: Sigma is the
- * covariance of the process noise of the stiffness, and the factor gamma is the same for
- * all three stiffnesses. If gamma Sigma is smaller than the aged variance of a mean, the
- * mean of each particle is drawn at random with the missing variance (mu_sd).
+ * The process noise of the stiffnesses has a mean and a covariance Sigma, and the filter
+ * estimates both. In each particle the variance of the mean is gamma Sigma, with the same
+ * factor gamma for all three stiffnesses. If gamma Sigma is smaller than the aged variance
+ * of a mean, this mean is drawn at random for each particle. The variance of the draw is
+ * the difference of the two, mu_sd^2.
  *
  * The road may have changed since the state was saved. Two measures let the particles
  * follow the change. The aged variance of each mean is also added to Sigma. And this

@@ -53,7 +53,7 @@ typedef struct solver {
   const point *at;
   tse_real inv_mx;
   tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
-  tse_real inv_turn[2]; /* 1/(matrix element of a wheel speed); 0 if the wheel speed is an input */
+  tse_real inv_turn[2]; /* 1/(diagonal element of 1 - gh J for a wheel speed); 0 if it is an input */
   lateral_block side;
   /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness / mass */
   tse_real slow[4], b[4], force[4];

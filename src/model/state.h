@@ -157,7 +157,8 @@ typedef struct tse_car {
   tse_real lever_x, lever_y;          /* [m] position of the IMU, ahead and left of the centre of gravity */
   tse_real mount_cos, mount_sin;      /* [1] cosine and sine of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
-  tse_real free_front, free_rear;     /* [1] minus the slip of each axle if it rolls freely */
+  tse_real free_front, free_rear;     /* [1] size of the small negative slip of a freely rolling axle:
+                                       * rolling resistance / longitudinal stiffness */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 

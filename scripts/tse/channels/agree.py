@@ -185,8 +185,8 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]  # [1] name -> sd of the logarithm of the ratio
-    # names of the ratios, except those whose correlation exceeds only the lower limit
-    # MIN_FIT - FIT_SLACK and not MIN_FIT
+    # names of the ratios in `value` for which measured and expected values fit well: by
+    # MIN_FIT. The other ratios in `value` fit by the lower limit MIN_FIT - FIT_SLACK only
     sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:

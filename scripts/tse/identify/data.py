@@ -126,7 +126,8 @@ class PreparedLog:
 
 
 def prepare(log: CheckedLog, config: Config) -> PreparedLog:
-    """Smooth inputs, find stretches and estimate the noise of the channels of a log.
+    """Smooth the inputs of a log, find the stretches that can be simulated (FitStretch),
+    and estimate the noise of the compared channels.
 
     Raises
     ------

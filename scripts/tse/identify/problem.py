@@ -84,7 +84,9 @@ ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
 # accel_x would dominate it
 SPEED_TIME = 1.0
 SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
-MIN_SLIP_SPEED = 5.0  # [m/s] lower limit of average_speed(); at lower speeds slip is not observable
+# [m/s] average_speed() returns at least this speed, so that its inverse remains finite
+# while the car stands
+MIN_SLIP_SPEED = 5.0
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
 MIN_BLOCK_FILL = 0.5  # a block is not used if it has fewer values than this share of the median number
 # Lower limit of the ratio: rms of the model error / rms of the signal, for accel_y and

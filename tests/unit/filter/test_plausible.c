@@ -412,18 +412,20 @@ typedef struct wrong {
   int channel;
   double from, to, value, factor; /* [s]; the channel reads value + factor * true value */
   double after, least;            /* [s] at most so long after its end; at least so long in total */
+  double turn;                    /* [rad/s] largest yaw rate */
 } wrong;
 
 static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)
 {
   static const wrong cases[] = {
-    { "wheels at 98 m/s", TSE_CHANNEL_wheel_speed_front, 40, 40.5, 98, 0, 0, 0 },
-    { "both wheels late in the drive", TSE_CHANNEL_wheel_speed_rear, 90, 91, 98, 0, 0, 0 },
-    { "yaw rate at 4 rad/s", TSE_CHANNEL_yaw_rate, 40, 40.5, 4, 0, 0, 0 },
-    { "accel_y at 30 m/s2", TSE_CHANNEL_accel_y, 40, 40.5, 30, 0, 0, 0 },
-    { "accel_x at -30 m/s2", TSE_CHANNEL_accel_x, 40, 41, -30, 0, 0, 0 },
-    { "steering the other way", TSE_CHANNEL_steer_angle, 40, 75, 0, -3, 30, 25 }, /* as on ice */
-    { "yaw rate the other way, to the end", TSE_CHANNEL_yaw_rate, 40, 120, 0, -1, 0, 60 },
+    { "wheels at 98 m/s", TSE_CHANNEL_wheel_speed_front, 40, 40.5, 98, 0, 0, 0, 0.25 },
+    { "both wheels late in the drive", TSE_CHANNEL_wheel_speed_rear, 90, 91, 98, 0, 0, 0, 0.25 },
+    { "yaw rate at 4 rad/s", TSE_CHANNEL_yaw_rate, 40, 40.5, 4, 0, 0, 0, 0.25 },
+    { "accel_y at 30 m/s2", TSE_CHANNEL_accel_y, 40, 40.5, 30, 0, 0, 0, 0.25 },
+    { "accel_x at -30 m/s2", TSE_CHANNEL_accel_x, 40, 41, -30, 0, 0, 0, 0.25 },
+    { "steering the other way", TSE_CHANNEL_steer_angle, 40, 75, 0, -3, 30, 25, 0.25 }, /* as on ice */
+    { "the same in gentle bends", TSE_CHANNEL_steer_angle, 40, 75, 0, -3, 30, 25, 0.06 },
+    { "yaw rate the other way, to the end", TSE_CHANNEL_yaw_rate, 40, 120, 0, -1, 0, 60, 0.25 },
   };
   const tse_params p = prepared(config_by(tse_config_default));
   const double length = number(p.car.lf) + number(p.car.lr);
@@ -433,7 +435,7 @@ static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)
     double after = 0, all = 0;
     memset(&k, 0, sizeof k);
     for (int n = 0; n < 12000; n++) {
-      const double t = 0.01 * n, v = 14 + 4 * sin(0.4 * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t),
+      const double t = 0.01 * n, v = 14 + 4 * sin(0.4 * t), r = w->turn * sin(0.9 * t) * sin(0.07 * t),
                    is = t >= w->from && t < w->to;
       double x[TSE_CHANNELS] = { r * length / v, v, v, 1.6 * cos(0.4 * t), v * r, r };
       tse_input u;

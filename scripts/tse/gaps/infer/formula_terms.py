@@ -324,7 +324,8 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
 
 
 def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
-    """Return the values of a form in the rows of one log, an array of the shape (rows,).
+    """Return the values of a term, i.e. of a formula without its coefficient, in the rows
+    of one log: an array of the shape (rows,).
 
     `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """

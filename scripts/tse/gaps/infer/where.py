@@ -23,7 +23,9 @@ FALSE_DISCOVERIES = 0.01
 # min |rank correlation| between a signal and the mean square of the residual, for which
 # "high" or "low" values of the signal are reported as a condition
 MIN_CORRELATION = 0.15
-MIN_WINDOWS = 20  # min number of windows of a channel for which conditions are computed
+# min number of windows with residuals of a channel (RESIDUAL_WINDOW_TIME). With fewer, no
+# driving conditions are searched for in which its residuals are large
+MIN_WINDOWS = 20
 # Max squared correlation between the disturbance that is estimated for the bank of the
 # road and the lateral acceleration of the car. The lateral acceleration follows the
 # steering, the bank of a road does not. So if the correlation is larger, the disturbance
