@@ -582,6 +582,28 @@ static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
       !HAS_SLIP || placed >= BY_NUMBER(5, 5, 1)); /* fixed point: stays bounded with fewer substeps */
 }
 
+/* The sensitivity of the motion to an event, or to a consider parameter, diverges with the
+ * motion of an unstable car, also where its variance remains small. The motion then counts
+ * as unknown for one row. In fixed point a sensitivity saturates long before that. */
+static void test_a_motion_is_lost_while_one_of_its_sensitivities_is_huge(void)
+{
+  for (int c = 0; c < 2 && BY_NUMBER(1, 1, 0); c++) {
+    tse_output y;
+    start(a_car(), 20, 0, 5);
+    (void)drive(1000);
+    int n = 0;
+    while (f.k.event[n].kind == EVENT_NONE) n++;
+    tse_short *const v = c ? f.k.consider[TSE_CONSIDERED - 1] : f.k.event[n].v;
+    v[VY] = r_short(TSE_R(-2000));
+    tse_input u = truth_row(&w, 0.01);
+    u.missing = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate; /* they would correct the sensitivity */
+    step(&w.p, u, &y);
+    TEST_ASSERT_TRUE(f.lost);
+    step(&w.p, truth_row(&w, 0.01), &y);
+    TEST_ASSERT_TRUE(!f.lost && fabs(number(r_long(v[VY]))) < 1);
+  }
+}
+
 /* A large innovation over little noise, squared: 4e11 for a yaw rate, which no format
  * needs to represent. */
 static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_state(void)
