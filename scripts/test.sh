@@ -63,8 +63,14 @@ preset() {                           # configure, build and test one preset
     >"/tmp/tse-configure.$$" 2>&1 || { cat "/tmp/tse-configure.$$"; rm -f "/tmp/tse-configure.$$"; return 1; }
   rm -f "/tmp/tse-configure.$$"
   local left=()
-  # The quick suite runs tests of long drives once, in fixed point.
-  if [ "$1" = dev ] && [ "$quick" = 1 ]; then left=(--label-exclude long); fi
+  # The quick suite runs tests of long drives once, in fixed point, and compiles the sources
+  # as C++ once, in double.
+  if [ "$quick" = 1 ]; then
+    case $1 in
+      dev) left=(--label-exclude long) ;;
+      fixed) left=(--label-exclude compiles) ;;
+    esac
+  fi
   cmake --build --preset "$1" --parallel "$jobs" \
     && ctest --preset "$1" --parallel "$jobs" ${left[@]+"${left[@]}"}
 }

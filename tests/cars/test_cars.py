@@ -13,6 +13,9 @@ from .model import Fleet
 from .road import Road, Surface
 from .sensors import FINE, SLOPES, STATES, Motion, make_log, measure_motion
 
+# the simulator of a study; only scripts/results depends on it
+pytestmark = pytest.mark.slow
+
 LEVEL = (0.0, 0.0, GRAVITY)
 
 

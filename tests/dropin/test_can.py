@@ -82,9 +82,8 @@ def find_tool(name: str) -> Path:
 SLOW = pytest.mark.slow
 
 
-@pytest.mark.parametrize(
-    "real", ["DOUBLE", pytest.param("FLOAT", marks=SLOW), pytest.param("FIXED", marks=SLOW)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["DOUBLE", "FLOAT", "FIXED"])
 def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text(PROGRAM)
     (tmp_path / "tse.h").write_text('#include "tse/tse.h"\n')
@@ -147,6 +146,7 @@ def test_a_plain_configure_builds_the_library(option: list[str], tmp_path: Path)
         assert list((tmp_path / "src").glob("*tse.*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", [{}, {"CXX": "/nowhere/c++"}], ids=["", "no C++"])
 def test_tests_and_fmus_are_built_where_their_sources_are_given(
     compiler: dict[str, str], tmp_path: Path

@@ -42,6 +42,9 @@ from generator.sensors import (
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
 
+# the simulator of a study; only scripts/results depends on it
+pytestmark = pytest.mark.slow
+
 G = 9.81
 ROOT = Path(__file__).resolve().parents[2]
 SD = np.array([SENSORS["accel_x_sd"], SENSORS["accel_y_sd"], SENSORS["yaw_rate_sd"]])

@@ -20,6 +20,9 @@ from tests.gap import scale, study
 from tse.gaps.catalogue import load_catalogue
 from tse.gaps.run.workflow import run_workflow
 
+# the cases of a study; only scripts/results depends on them
+pytestmark = pytest.mark.slow
+
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
 FEW = ("sine_sweep", "brake_in_turn")
 HELD_OUT = ("slalom",)

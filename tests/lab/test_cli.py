@@ -180,10 +180,11 @@ def folder(tmp_path_factory):
             {0},
             {"apart", "written"},
         ),
-        (
+        pytest.param(
             ("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"),
             {0},
             {"separable", "manoeuvres"},
+            marks=pytest.mark.slow,
         ),
         (
             (

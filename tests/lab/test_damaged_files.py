@@ -1,7 +1,7 @@
 """A damaged file gives rows or an error message, whatever the damage.
 
 Files are cut; bits change; parts are removed or doubled. TSE_DAMAGED is the number of
-files of each kind (12; in the long run 200)."""
+files of each kind (5; with --all 12; in the long run 200)."""
 
 import gzip
 import os
@@ -37,7 +37,6 @@ from tse.log.rows import Reading
 from tse.readers.read_mdf import _check_chains
 from tse.readers.readers import read_recording
 
-COUNT = int(os.environ.get("TSE_DAMAGED", "12"))
 MAX_SECONDS = 60.0  # s of the processor for one file
 TRADE = {
     "VBOX": lambda f, s: write_vbo(f / "drive.vbo", s),
@@ -78,10 +77,16 @@ def damage_file(data: bytes, chance: random.Random) -> bytes:
     return bytes(made)
 
 
-def try_all(path: Path, target: Path, seed: str, car) -> None:
-    """Read COUNT damaged files as the commands do."""
+@pytest.fixture(scope="module")
+def count(request) -> int:
+    """Return the number of damaged files for each format."""
+    return int(os.environ.get("TSE_DAMAGED", "12" if request.config.getoption("--all") else "5"))
+
+
+def try_all(path: Path, target: Path, seed: str, car, count: int) -> None:
+    """Read `count` damaged files as the commands do."""
     good, chance = target.read_bytes(), random.Random(seed)
-    for i in range(COUNT):
+    for i in range(count):
         target.write_bytes(damage_file(good, chance))
         begin = time.process_time()
         try:
@@ -114,11 +119,11 @@ def clean(car):
 
 
 @pytest.mark.parametrize("name", TRADE)
-def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_path):
+def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, count, tmp_path):
     if "MF4" in name:
         pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
     path = TRADE[name](tmp_path, add_wheels(clean)[:150])
-    try_all(path, path, name, car)
+    try_all(path, path, name, car, count)
 
 
 SLOW = ("MDF 3", "MF4, frames and DBC")  # 1 s a file that is opened
@@ -127,7 +132,7 @@ SLOW = ("MDF 3", "MF4, frames and DBC")  # 1 s a file that is opened
 @pytest.mark.parametrize(
     "name", [pytest.param(f, marks=[pytest.mark.slow] if f in SLOW else []) for f in FORMATS]
 )
-def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
+def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, count, tmp_path):
     path = write_or_skip(name, tmp_path, split_messages(clean[:300]))
     (tmp_path / "signals.toml").unlink(missing_ok=True)
     target = (
@@ -135,15 +140,15 @@ def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_pa
         if path.is_dir()
         else path
     )
-    try_all(path, target, name, car)
+    try_all(path, target, name, car, count)
 
 
 @pytest.mark.parametrize("odd", ["", *ODD_LINES])
-def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
+def test_a_damaged_database_is_read_or_refused(odd, car, clean, count, tmp_path):
     path = write_candump(
         tmp_path / "drive.log", encode_frames(add_wheels(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n"
     )
-    try_all(path, tmp_path / "car.dbc", odd, car)
+    try_all(path, tmp_path / "car.dbc", odd, car, count)
 
 
 def make_header(first_group: int, first_history: int) -> bytes:

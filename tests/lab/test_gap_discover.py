@@ -247,6 +247,7 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     assert formula.text in report.replace("&lt;", "<") and "does not identify the cause" in report
 
 
+@pytest.mark.slow
 def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
     folder, logs, _ = run
     vehicle = folder / "out" / "vehicle_improved.toml"
@@ -261,6 +262,7 @@ def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
     assert np.abs(with_it - without).max() > 0.005  # of one seed: noise is the same
 
 
+@pytest.mark.slow
 def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
     """Who has one is not given another, and loses none."""
     folder, logs, _ = run

@@ -13,6 +13,9 @@ from manoeuvring import drive
 
 import tse
 
+# four whole drives; tests/unit/filter/test_backwards.c has the rules by rows
+pytestmark = pytest.mark.slow
+
 WHEELS = ["wheel_speed_front", "wheel_speed_rear"]
 
 

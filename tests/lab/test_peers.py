@@ -19,6 +19,9 @@ from tse.simulation.simulate import simulate
 from tselab.montecarlo import peers
 from tselab.montecarlo.case import INITIAL_SETTINGS
 
+# the other estimators of a study; only scripts/results depends on them
+pytestmark = pytest.mark.slow
+
 KINDS = ("ekf", "known")
 SPREAD = 0.05  # of SimConfig
 SENSORS = tuple(f"{name}_sd" for name in MEASURES)

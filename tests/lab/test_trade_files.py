@@ -393,7 +393,9 @@ def test_for_what_is_not_found_the_nearest_are_named_with_the_reason(trip):
 
 
 @pytest.mark.parametrize(("ahead", "says"), [
-    (5.0, "is 5.00 s off"), (-12.4, "is 12.40 s off"), (1.7e9, "does not overlap"), (0.0, ""), (0.04, ""),
+    (5.0, "is 5.00 s off"), pytest.param(-12.4, "is 12.40 s off", marks=pytest.mark.slow),
+    pytest.param(1.7e9, "does not overlap", marks=pytest.mark.slow), (0.0, ""),
+    pytest.param(0.04, "", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_the_clock_of_a_group_that_is_off_is_found_and_taken_off(ahead, says, trip, car, tmp_path):
     pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")

@@ -28,12 +28,14 @@ def expect_response(mistake: str | None, front_end: str, both: list[Drive]) -> N
             assert said.silent == drive.known and not said.against.any() and said.words == (), drive.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     expect_response(mistake, front_end, both)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str, both: list[Drive]) -> None:

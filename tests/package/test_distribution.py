@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+# builds wheels and source archives; continuous integration does, too
+pytestmark = pytest.mark.slow
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
