@@ -200,7 +200,8 @@ void watch_fault(tse_kalman *k, int channel, const scalar *m);
  *              consider parameters, stored as tse_short (r_short()) */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
-/* Return whether the squares of all sensitivities of the motion are below MAX_D. */
+/* Return whether the sensitivities of the motion are known: for each event and consider
+ * parameter, the sum of their squares is below MAX_D. */
 int are_sensitivities_known(const tse_kalman *k);
 
 /* Set the sensitivities of the first `count` states to 0. */

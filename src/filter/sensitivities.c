@@ -11,19 +11,19 @@ void sensitivities_clear(tse_kalman *k, int count)
     for (int i = 0; i < count; i++) k->consider[q][i] = r_short(TSE_R(0));
 }
 
-static int is_below_max(const tse_short v[TSE_ALL])
+static tse_real sum_squares(const tse_short v[TSE_ALL])
 {
-  int below = 1;
-  for (int i = 0; i < MOTION; i++) below = below && r_mul_short(v[i], v[i]) < MAX_D;
-  return below;
+  tse_real sum = TSE_R(0);
+  for (int i = 0; i < MOTION; i++) sum += r_mul_short(v[i], v[i]);
+  return sum;
 }
 
 int are_sensitivities_known(const tse_kalman *k)
 {
   int known = 1;
   for (int n = 0; n < TSE_EVENTS; n++)
-    known = known && (k->event[n].kind == EVENT_NONE || is_below_max(k->event[n].v));
-  for (int q = 0; q < TSE_CONSIDERED; q++) known = known && is_below_max(k->consider[q]);
+    known = known && (k->event[n].kind == EVENT_NONE || sum_squares(k->event[n].v) < MAX_D);
+  for (int q = 0; q < TSE_CONSIDERED; q++) known = known && sum_squares(k->consider[q]) < MAX_D;
   return known;
 }
 

@@ -198,10 +198,11 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 }
 
 /* Return whether the motion is known: all elements of D that belong to it are below
- * MAX_D, and so are the squares of its sensitivities. There are two reasons for larger
- * numbers. With unrealistic settings the integration of the motion can diverge, even
- * within one row. The motion of an unstable (oversteering) car diverges while measurements
- * are missing. One of these numbers exceeds MAX_D long before a number overflows. */
+ * MAX_D, and so are the sums of squares of its sensitivities. There are two reasons for
+ * larger numbers. With unrealistic settings the integration of the motion can diverge,
+ * even within one row. The motion of an unstable (oversteering) car diverges while
+ * measurements are missing. One of these numbers exceeds MAX_D long before a number
+ * overflows. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = are_sensitivities_known(k);
