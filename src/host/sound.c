@@ -204,10 +204,8 @@ static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)
   fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++)
     fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
-  for (int a = 0; a < 3; a++)
-    fine = fine
-        && sound_reals(
-            q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* mu is a mean of draws */
+  for (int a = 0; a < 3; a++) /* mu is a mean of draws */
+    fine = fine && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED);
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3)
       fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);

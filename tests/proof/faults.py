@@ -80,6 +80,12 @@ LISTS = (
         "over the whole project, chosen by a third who had read no test, after the tests that the "
         "lists above led to had been written by others, each tried by the tests of its area",
     ),
+    FaultList(
+        HERE / "faults_third.toml",
+        37,
+        "over the whole project, chosen by a fourth who had read no test, after those above, each "
+        "tried by the tests of its area",
+    ),
 )
 
 
