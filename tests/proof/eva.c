@@ -100,13 +100,13 @@ static void any_filter(int32_t extras)
   f->started = in(0, 1);
   f->start.loaded = in(0, 1);
   f->waiting.count = in(0, TSE_LATENCY_ROWS);
-  f->waiting.newest = in(0, TSE_LATENCY_ROWS - 1);
+  f->waiting.newest = in(0, TSE_LATENCY_KEPT - 1);
   f->k.change_kind = in(TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   f->k.fault = in(0, TSE_CHANNELS);
   f->k.slow_turn = in(0, TSE_SLOW - 1);
   f->k.ud.extras = extras;
   f->k.velocity.kept = in(0, TSE_PAST);
-  f->k.agreement.apart = in(0, (1 << TSE_PAIRS) - 1);
+  f->k.agreement.apart = in(0, (1 << (TSE_PAIRS + 3)) - 1);
   for (int i = 0; i < TSE_EVENTS; i++) f->k.event[i].kind = in(EVENT_NONE, EVENT_KINDS - 1);
   for (int i = 0; i < TSE_STRIDE; i++) {
     all.ancestor[i] = (uint16_t)in(0, TSE_MAX_PARTICLES - 1);
@@ -117,11 +117,11 @@ static void any_filter(int32_t extras)
 /* Check the assumptions of any_filter() for the filter after the row. */
 static void still_so(void)
 {
-  //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
+  //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && (f->waiting.newest == 0 || 0 <= f->waiting.newest < TSE_LATENCY_ROWS);
   //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
   //@ assert whole: 0 <= f->k.slow_turn < TSE_SLOW;
   //@ assert whole: f->k.ud.extras == 0 || f->k.ud.extras == MAX_EXTRAS;
-  //@ assert whole: 0 <= f->k.velocity.kept <= TSE_PAST && 0 <= f->k.agreement.apart < (1 << TSE_PAIRS);
+  //@ assert whole: 0 <= f->k.velocity.kept <= TSE_PAST && 0 <= f->k.agreement.apart < (1 << (TSE_PAIRS + 3));
   //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;
 }
 

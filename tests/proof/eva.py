@@ -54,7 +54,7 @@ SHORT = ["learnt"]  # for the tests
 REFUSE = [
     "tse_input_check_*",
     "tse_input_decode_*",
-    "tse_row_decode_*",
+    "tse_decode_row_*",
     "tse_align_row_*",
     "tse_config_check_*",
     "first_outside",
@@ -63,7 +63,7 @@ REFUSE = [
 ]
 FOLLOWED = {  # function: number of cases kept apart, such as early returns
     "tse_step_row_*": 2, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
-    "tse_row_decode_*": 8, "first_outside": 400, "compute_vehicle_fingerprint": 400, "mix_effect": 60,
+    "tse_decode_row_*": 8, "first_outside": 400, "compute_vehicle_fingerprint": 400, "mix_effect": 60,
     "tse_config_check_*": 8, "tse_check_latencies_*": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
 # TSE_FIXED_HALVES: products of 32-bit halves, because Frama-C has no type of 128 bits;
@@ -128,8 +128,8 @@ def find_alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, s
     if target == "prepare":  # a loop over a table: where it stopped is one number behind it
         apart += ["-eva-slevel-merge-after-loop", "first_outside"]
     if target == "learnt":  # bytes that are refused, at each return; of loops over what is read each turn
-        callers = f"decode:60,implausible:200,tse_learnt_load_{end}:8"
-        apart = ["-eva-split-return-function", "decode:0,implausible:0", "-eva-slevel-function", callers]
+        callers = f"decode:60,find_wrong_value:200,tse_learnt_load_{end}:8"
+        apart = ["-eva-split-return-function", "decode:0,find_wrong_value:0", "-eva-slevel-function", callers]
     numbers = "-DTSE_FIXED_HALVES" if target == "numbers" else "-DTSE_FIXED_CALLS=1"
     defined = "".join(f" -D{name}=1" for name in BUILDS.get(target, []))
     command = [
