@@ -753,7 +753,7 @@ static void test_a_latency_is_found_apart_from_the_lag_of_the_car(void)
   };
   tse_params p = prepared(config_by(tse_config_exact));
   const double lf = number(p.car.lf), lr = number(p.car.lr), kf = number(p.car.ky_front),
-               kr = number(p.car.ky_rear), length = lf + lr, v = 15, w = 2, dt = 0.02, bias = 0.05;
+               kr = number(p.car.ky_rear), length = lf + lr, v = 15, w = 2, dt = 0.02, bias = 0.3;
   const double understeer = (lr * kr - lf * kf) / (length * kf * kr), slip_time = v * lf / (length * kr);
   for (int n = 0; n < ROWS(cases); n++) {
     static tse_kalman k;
@@ -929,4 +929,34 @@ static void test_after_a_gap_the_low_passes_start_again(void)
         "rate of the speed", longer);
     expect_near(0, number(k.agreement.complete_for), 0, "complete rows", longer);
   }
+}
+
+/* Values that no car has are limited, so that their squares fit every number format. At
+ * the critical speed of an oversteering car its turn would be infinite: its wheelbase
+ * counts as 0.3 of the true one or more. */
+static void test_values_of_no_car_are_limited(void)
+{
+  tse_params p = prepared(config_by(tse_config_exact));
+  for (int side = -1; side <= 1; side += 2) {
+    tse_kalman k = even_state(), fresh;
+    tse_input u = even_row(&p);
+    memset(&fresh, 0, sizeof fresh);
+    u.wheel_speed_front = r_div(TSE_R(110), p.radius_front);
+    u.wheel_speed_rear = r_div(TSE_R(110), p.radius_rear);
+    u.yaw_rate = TSE_R(5 * side);
+    check_agreement(&p, &fresh, &u, real(0.01), 0);
+    expect_near(200 * side, number(fresh.agreement.smooth[1]), 1e-3, "speed times yaw rate", side);
+    check_agreement(&p, &k, &u, real(0.01), 0);
+    expect_near(200, number(k.agreement.pair[ALONG].mean[1]), 1e-3, "rate of the speed", side);
+  }
+  tse_kalman k;
+  tse_input u = even_row(&p);
+  const double length = number(p.car.lf) + number(p.car.lr);
+  p.car.ky_rear = real(0.3 * number(p.car.ky_front)); /* oversteers */
+  u.wheel_speed_front = r_div(TSE_R(50), p.radius_front);
+  u.wheel_speed_rear = r_div(TSE_R(50), p.radius_rear);
+  u.steer_angle = real(0.02);
+  memset(&k, 0, sizeof k);
+  check_agreement(&p, &k, &u, real(0.01), 0);
+  expect_near(50 * 0.02 / (0.3 * length), number(k.agreement.smooth[5]), 1e-3, "turn of the angle", 0);
 }
