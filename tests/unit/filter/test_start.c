@@ -54,7 +54,7 @@ static void test_the_motion_is_that_of_a_steady_turn(void)
     { "gyro at fault", 1, 1, 1, FAULTY, { 20, 20 }, 0.02, 0.16, 20, 0 },
     { "at the limit of the tyres", 1, 1, 1, WORKS, { 40, 40 }, 0.02, 0.81, 40, 0.8 },
     { "the same to the right", 1, 1, 1, WORKS, { 40, 40 }, -0.02, -0.79, 40, -0.8 },
-    { "hardly rolling", 1, 1, 1, WORKS, { 0.3, 0.3 }, 0.3, 0.11, 0.3, 0.1 },
+    { "hardly rolling", 1, 1, 1, WORKS, { 0.5, 0.5 }, 0.3, 2.01, 0.5, 2 },
   };
   for (int n = 0; n < ROWS(cases); n++) {
     const placing *const t = &cases[n];
