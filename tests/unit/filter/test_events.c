@@ -863,3 +863,246 @@ static void test_of_a_group_the_likeliest_event_is_believed(void)
     expect_near(0.03, number(t.k.along.var), 1e-6, "its variance", other);
   }
 }
+
+/* A channel is evidence for the events of its group, also a channel that is no sensor, and
+ * every channel for the previous road. */
+static void test_a_channel_is_evidence_for_the_events_of_its_group(void)
+{
+  static const int lateral[] = { NO_SENSOR_LATERAL, ACCEL_Y, YAW_RATE };
+  static const int32_t kinds[] = { EVENT_ROAD, EVENT_ROAD_RETURN, EVENT_FRONT, EVENT_SLIP_FRONT,
+    EVENT_SLIP_REAR, EVENT_STEER, EVENT_SENSOR + ACCEL_X, EVENT_SENSOR + YAW_RATE,
+    EVENT_SENSOR + WHEEL_REAR };
+  for (int channel = NO_SENSOR_LATERAL; channel < TSE_SENSORS; channel++)
+    for (int n = 0; n < ROWS(kinds); n++) {
+      static tse_kalman k;
+      tse_real h[STATES] = { TSE_R(0) }, gain[STATES] = { TSE_R(0) };
+      int across = 0;
+      memset(&k, 0, sizeof k);
+      for (int i = 0; i < ROWS(lateral); i++) across = across || channel == lateral[i];
+      k.event[0].kind = kinds[n], k.event[0].v[SF] = short_of(1), h[SF] = TSE_R(1);
+      learn(&k, channel, h, gain, 1, 1, 1);
+      const int along = kinds[n] == EVENT_SLIP_FRONT || kinds[n] == EVENT_SLIP_REAR
+          || kinds[n] == EVENT_SENSOR + ACCEL_X || kinds[n] == EVENT_SENSOR + WHEEL_REAR;
+      TEST_ASSERT_EQUAL_INT(kinds[n] == EVENT_ROAD_RETURN || along == !across, k.event[0].info > TSE_R(0));
+    }
+}
+
+/* The tyres of an axle get stiffer as rarely as the model errs by as much, save for what
+ * they lost at the last change of tyres. The prior after a restart is no such change. */
+static void test_stiffer_tyres_of_an_axle_are_those_of_before_a_change(void)
+{
+  static const struct {
+    int32_t change;
+    double now, before, lost; /* logarithms of the stiffness */
+  } cases[] = { { TSE_CHANGE_NONE, -0.5, 0, 0 }, { TSE_CHANGE_RESTART, -0.5, 0, 0 },
+    { TSE_CHANGE_ROAD, -0.03, 0, 0.03 }, { TSE_CHANGE_REAR, -0.5, -0.48, 0.02 },
+    { TSE_CHANGE_ROAD, 0.5, 0, 0 }, { TSE_CHANGE_ROAD, -0.5, 0, 0.5 } };
+  const double share = 0.06, info = 20, score = 12, unit = number(state_unit[LCR]);
+  for (int n = 0; n < ROWS(cases); n++) {
+    static trio t;
+    double stated[2];
+    for (int softer = 0; softer < 2; softer++) {
+      uint32_t seed = 9;
+      start(&t, EVENT_REAR, 0, 0, &seed);
+      t.p.prior_sd[LCR] = real(0.2), t.k.x[LCR] = real(cases[n].now);
+      t.k.change_kind = cases[n].change, t.k.change_age = TSE_R(100);
+      t.k.change_from[TSE_CY_REAR] = real(cases[n].before);
+      t.k.event[t.n].v[LCR] = short_of((softer ? -1 : 1) * share * (1 + info) / score / unit);
+      t.k.event[t.n].score = real(score), t.k.event[t.n].info = real(info);
+      stated[softer] = log(odds(&t));
+    }
+    const double excess = fmax(0, log(1 + share) - cases[n].lost), sd = number(MODEL_FLOOR);
+    expect_near(0.5 * excess * excess / (sd * sd), stated[1] - stated[0], 0.01, "penalty", n);
+  }
+}
+
+/* A frozen sensor is at fault by that evidence or by its samples, whichever is larger,
+ * unless a channel is at fault already. A frozen steering angle has its own test. */
+static void test_a_frozen_sensor_is_at_fault_by_the_larger_evidence(void)
+{
+  static const struct {
+    int32_t kind, fault;
+    double frozen, score; /* [log2], [1] of an information of 3 */
+    double ratio;         /* [log2] */
+  } cases[] = {
+    { EVENT_SENSOR + YAW_RATE, NO_FAULT, 12, 0, 12 },
+    { EVENT_SENSOR + YAW_RATE, NO_FAULT, 3, 8, 0.5 * 64 / 4 * 1.442695 - 1 },
+    { EVENT_SENSOR + YAW_RATE, NO_FAULT, 12, 8, 12 },
+    { EVENT_SENSOR + YAW_RATE, FAULT_STEER, 12, 0, -1 },
+    { EVENT_SENSOR + YAW_RATE, NO_FAULT, 0, 0, -1 }, /* a new value: the samples decide */
+    { EVENT_STEER, NO_FAULT, 12, 0, -1 },
+  };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static trio t;
+    uint32_t seed = 3;
+    start(&t, EVENT_NONE, 0, 0, &seed);
+    t.n = 9;
+    t.k.event[t.n].kind = cases[n].kind, t.k.event[t.n].score = real(cases[n].score);
+    t.k.event[t.n].info = TSE_R(3), t.k.fault = cases[n].fault;
+    t.k.frozen[cases[n].kind == EVENT_STEER ? STEERING : YAW_RATE] = real(cases[n].frozen);
+    const double prior = log2(number(RATE_FAULT) * number(OPEN_TIME));
+    expect_near(prior + cases[n].ratio, log2(odds(&t)), BY_NUMBER(1e-4, 1e-2, 2e-2), "odds [log2]", n);
+  }
+}
+
+/* The filter reacts to an event if the mean square of its amplitude, mean^2 + variance, is
+ * as large as the least amplitude squared; to a frozen sensor and to a return always. */
+static void test_an_event_is_small_by_the_mean_square_of_its_amplitude(void)
+{
+  static const struct {
+    int32_t kind;
+    double score, info, frozen;
+    int is_small;
+  } cases[] = {
+    { EVENT_STEER, 0, 0, 0, 0 }, /* no sample: the prior */
+    { EVENT_STEER, 3.3, 3, 0, 1 },
+    { EVENT_STEER, 3.6, 3, 0, 0 }, /* 0.9^2 + 0.25 */
+    { EVENT_STEER, -3.6, 3, 0, 0 },
+    { EVENT_SENSOR + YAW_RATE, 0, 3, 0, 1 },
+    { EVENT_SENSOR + YAW_RATE, 0, 3, 500, 0 },
+    { EVENT_ROAD_RETURN, 0, 1000, 0, 0 },
+    { EVENT_ROAD, 0, 1000, 0, 1 },
+  };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    memset(&k, 0, sizeof k);
+    k.event[9].kind = cases[n].kind, k.event[9].score = real(cases[n].score);
+    k.event[9].info = real(cases[n].info), k.frozen[YAW_RATE] = real(cases[n].frozen);
+    TEST_ASSERT_EQUAL_INT(cases[n].is_small, event_is_small(&k, 9));
+  }
+}
+
+/* Return an empty filter whose events are all due, with room for any stiffness. */
+static tse_kalman emptied(tse_params *p)
+{
+  tse_kalman k;
+  memset(&k, 0, sizeof k);
+  memset(p, 0, sizeof *p);
+  p->log_min = real(-10), p->log_max = real(10);
+  for (int i = LCX; i <= LMU; i++) p->prior_sd[i] = real(0.1);
+  for (int i = 0; i < STATES; i++) k.ud.d[i] = TSE_R(1);
+  return k;
+}
+
+/* A road changes the grip, unless the grip is known. A return shifts each state by the
+ * relative change to its value of before, of a factor of 20 at most. */
+static void test_an_event_opens_with_the_shifts_of_its_kind(void)
+{
+  for (int known = 0; known < 2; known++) {
+    tse_params p;
+    static tse_kalman k;
+    int roads = 0, returns = 0;
+    k = emptied(&p);
+    p.prior_sd[LMU] = real(known ? 0 : 0.1);
+    static const double from[4] = { 0.5, -0.4, 4, 0.1 }, now[4] = { 0.2, 0.1, -2, 0.1 };
+    k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(50);
+    for (int i = 0; i < 4; i++) k.change_from[i] = real(from[i]), k.x[LCX + i] = real(now[i]);
+    for (int n = 0; n < TSE_EVENTS; n++) k.weight[n] = real(0.3); /* of what was there */
+    events_decide(&p, &k, real(0.01));
+    for (int n = 0; n < TSE_EVENTS; n++) {
+      if (k.event[n].kind != EVENT_NONE) expect_near(0, number(k.weight[n]), 0, "weight", n);
+      if (k.event[n].kind == EVENT_ROAD) {
+        roads++;
+        expect_near(known ? 0 : number(CHANGE_SD) / number(state_unit[LMU]), number_of(k.event[n].v[LMU]),
+            BY_NUMBER(1e-9, 1e-5, 1e-3), "grip", n);
+      }
+      if (k.event[n].kind != EVENT_ROAD_RETURN) continue;
+      returns++;
+      for (int i = 0; i < 4; i++)
+        expect_near(exp(fmin(3, from[i] - now[i])) - 1,
+            number_of(k.event[n].v[LCX + i]) * number(state_unit[LCX + i]), BY_NUMBER(1e-6, 1e-4, 1e-2),
+            "return", i);
+    }
+    TEST_ASSERT_TRUE(roads >= 1 && returns == 1);
+  }
+}
+
+/* There is something to return to after a change of road or tyres, if the stiffness of one
+ * axle was known at least as well before. */
+static void test_a_return_is_to_what_was_known_as_well(void)
+{
+  static const struct {
+    int32_t change;
+    double front, rear; /* variance before; it is 1 now */
+    int can;
+  } cases[] = { { TSE_CHANGE_ROAD, 0.9, 0.9, 1 }, { TSE_CHANGE_ROAD, 0.9, 1.1, 1 },
+    { TSE_CHANGE_ROAD, 1.1, 0.9, 1 }, { TSE_CHANGE_ROAD, 1.1, 1.1, 0 }, { TSE_CHANGE_REAR, 0.9, 0.9, 1 },
+    { TSE_CHANGE_NONE, 0.9, 0.9, 0 }, { TSE_CHANGE_RESTART, 0.9, 0.9, 0 } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    tse_params p;
+    static tse_kalman k;
+    k = emptied(&p);
+    k.change_kind = cases[n].change;
+    for (int i = 0; i < 4; i++) k.change_from_var[i] = TSE_R(5);
+    k.change_from_var[TSE_CY_FRONT] = real(cases[n].front);
+    k.change_from_var[TSE_CY_REAR] = real(cases[n].rear);
+    TEST_ASSERT_EQUAL_INT(cases[n].can, can_return(&k));
+  }
+}
+
+/* An accepted road multiplies stiffness and grip by one plus the shift, by 0.2 at least,
+ * and no stiffness leaves its limits. The variance of the amplitude follows with the
+ * derivative of the logarithm. */
+static void test_an_accepted_road_scales_stiffness_within_its_limits(void)
+{
+  static const struct {
+    double shift, min, max; /* relative shift; limits of the logarithm */
+    double front, rear, grip;
+  } cases[] = { { -0.5, -10, 10, -0.693147, -0.693147, -0.693147 },
+    { -0.95, -10, 10, -1.609438, -1.609438, -1.609438 }, { -1.5, -10, 10, -1.609438, -1.609438, -1.609438 },
+    { -0.5, -0.4, 10, -0.4, -0.4, -0.693147 } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    tse_params p;
+    static tse_kalman k;
+    k = emptied(&p);
+    p.log_min = real(cases[n].min), p.log_max = real(cases[n].max);
+    const double info = 99, score = -100, unit = number(state_unit[LCF]);
+    k.event[0].kind = EVENT_ROAD, k.event[0].score = real(score), k.event[0].info = real(info);
+    for (int i = LCF; i <= LMU; i++)
+      k.event[0].v[i] = short_of(cases[n].shift / (score / (1 + info)) / number(state_unit[i]));
+    events_decide(&p, &k, TSE_R(0));
+    const double close = BY_NUMBER(1e-6, 1e-4, 1e-3);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, k.change_kind);
+    expect_near(cases[n].front, number(k.x[LCF]), close, "front", n);
+    expect_near(cases[n].rear, number(k.x[LCR]), close, "rear", n);
+    expect_near(cases[n].grip, number(k.x[LMU]), close, "grip", n);
+    const double left = fmax(0.2, 1 + cases[n].shift), slope = cases[n].shift / left,
+                 own = pow(number(MODEL_FLOOR), 2) + pow(number(OWN_SHARE) * cases[n].front, 2);
+    expect_near(1 + (slope * slope / (1 + info) + own) / (unit * unit), number(ud_variance(&k.ud, LCF)),
+        BY_NUMBER(1e-4, 1e-3, 1e-2), "variance", n);
+    expect_near(1 + slope * slope / (1 + info) / pow(number(state_unit[LMU]), 2),
+        number(ud_variance(&k.ud, LMU)), BY_NUMBER(1e-4, 1e-3, 1e-2), "variance of the grip", n);
+  }
+}
+
+/* A return measures the state: what parameters have made of it is forgotten with it. */
+static void test_a_return_forgets_what_parameters_made_of_the_stiffness(void)
+{
+  tse_params p;
+  static tse_kalman k;
+  k = emptied(&p);
+  k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(50);
+  k.event[4].kind = EVENT_ROAD_RETURN, k.event[4].score = TSE_R(60), k.event[4].info = TSE_R(60);
+  for (int i = 0; i < 4; i++) k.change_from_var[i] = real(0.25);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < STATES; i++) k.consider[q][i] = short_of(0.5);
+  events_decide(&p, &k, TSE_R(0));
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, k.change_kind);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < STATES; i++) /* variances of 1 and 0.25: a fifth is left */
+      expect_near(i >= LCX && i <= LMU ? 0.1 : 0.5, number_of(k.consider[q][i]), 1e-3, "parameter", i);
+}
+
+/* Wheels that may have slid leave nothing when they are given up. */
+static void test_wheels_that_may_have_slid_are_given_up_without_a_trace(void)
+{
+  tse_params p;
+  static tse_kalman k;
+  k = emptied(&p);
+  k.event[7].kind = EVENT_SLIP_FRONT, k.event[7].v[SF] = short_of(2), k.event[7].age = OPEN_TIME;
+  k.event[7].score = real(8.8), k.event[7].info = TSE_R(6);
+  events_decide(&p, &k, real(0.01));
+  TEST_ASSERT_TRUE(k.event[7].kind == EVENT_SLIP_FRONT && k.event[7].age == TSE_R(0));
+  expect_near(0, number(k.x[SF]), 0, "slip", 0);
+  expect_near(1, number(ud_variance(&k.ud, SF)), 1e-6, "its variance", 0);
+}
