@@ -1105,4 +1105,115 @@ static void test_wheels_that_may_have_slid_are_given_up_without_a_trace(void)
   TEST_ASSERT_TRUE(k.event[7].kind == EVENT_SLIP_FRONT && k.event[7].age == TSE_R(0));
   expect_near(0, number(k.x[SF]), 0, "slip", 0);
   expect_near(1, number(ud_variance(&k.ud, SF)), 1e-6, "its variance", 0);
+  expect_near(0, number(k.weight[7]), 0, "probability of the event that follows", 0);
+}
+
+/* No event moves a state beyond its limit. */
+static void test_an_accepted_event_leaves_a_state_within_its_limit(void)
+{
+  for (int side = -1; side <= 1; side += 2) {
+    tse_params p;
+    static tse_kalman k;
+    k = emptied(&p);
+    k.event[7].kind = EVENT_SLIP_FRONT, k.event[7].score = TSE_R(60 * side), k.event[7].info = TSE_R(29);
+    k.event[7].v[SF] = short_of(number(state_max[SF]) / number(state_unit[SF]));
+    events_decide(&p, &k, TSE_R(0));
+    expect_near(side * number(state_max[SF]), number(k.x[SF]), 1e-6, "slip", side);
+  }
+}
+
+/* An accepted change of an axle widens its own stiffness by its own step, and the
+ * longitudinal stiffness only where the axle is driven. */
+static void test_an_accepted_axle_is_uncertain_by_its_own_step(void)
+{
+  for (int rear = 0; rear < 2; rear++)
+    for (int driven = 1; driven <= 2; driven++) {
+      tse_params p;
+      static tse_kalman k;
+      k = emptied(&p);
+      const int n = rear ? 6 : 5, at = rear ? LCR : LCF, other = rear ? LCF : LCR;
+      const double unit = number(state_unit[at]), along = number(state_unit[LCX]);
+      p.car.driven = driven;
+      k.event[n].kind = rear ? EVENT_REAR : EVENT_FRONT, k.event[n].age = SETTLE_TIME;
+      k.event[n].score = TSE_R(-100), k.event[n].info = TSE_R(99), k.event[n].v[at] = short_of(0.5 / unit);
+      k.x[at] = real(0.1);
+      events_decide(&p, &k, TSE_R(0));
+      const double step = number(OWN_SHARE) * log(0.5), own = pow(number(MODEL_FLOOR), 2) + step * step;
+      const double is_driven = driven == 1 + rear;
+      TEST_ASSERT_EQUAL_INT(rear ? TSE_CHANGE_REAR : TSE_CHANGE_FRONT, k.change_kind);
+      expect_near(0.1 + log(0.5), number(k.x[at]), 1e-3, "stiffness", n);
+      expect_near(0.1, number(k.change_from[at - LCX]), 1e-3, "stiffness before", n);
+      expect_near(1 + (1.0 / 100 + own) / (unit * unit), number(ud_variance(&k.ud, at)),
+          BY_NUMBER(1e-4, 1e-3, 1e-2), "variance", n);
+      expect_near(1, number(ud_variance(&k.ud, other)), 1e-4, "variance of the other axle", n);
+      expect_near(1 + is_driven * (pow(2 * number(USUAL_MODEL_SD), 2) + step * step) / (along * along),
+          number(ud_variance(&k.ud, LCX)), BY_NUMBER(1e-4, 1e-3, 1e-2), "variance along", 10 * n + driven);
+    }
+}
+
+/* The second amplitude of a road adds its variance, whatever its mean. */
+static void test_an_accepted_road_is_uncertain_by_both_amplitudes(void)
+{
+  tse_params p;
+  static tse_kalman k;
+  k = emptied(&p);
+  k.event[0].kind = EVENT_ROAD, k.event[0].score = TSE_R(60), k.event[0].info = TSE_R(29);
+  k.event[2].kind = EVENT_ROAD_AXLE_DIFF, k.event[2].info = TSE_R(1), k.event[2].v[BY] = short_of(2);
+  events_decide(&p, &k, TSE_R(0));
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, k.change_kind);
+  expect_near(1 + 4.0 / 2, number(ud_variance(&k.ud, BY)), BY_NUMBER(1e-6, 1e-4, 1e-3), "variance", 0);
+}
+
+/* A change soon after a restart is the first one: nothing of the restart is a part of it. */
+static void test_a_restart_is_no_change_that_goes_on(void)
+{
+  for (int restarted = 0; restarted < 2; restarted++) {
+    tse_params p;
+    static tse_kalman k;
+    k = emptied(&p);
+    k.change_kind = restarted ? TSE_CHANGE_RESTART : TSE_CHANGE_ROAD, k.change_age = real(0.5);
+    k.x[LCF] = real(0.125);
+    k.event[0].kind = EVENT_ROAD, k.event[0].score = TSE_R(-60), k.event[0].info = TSE_R(29);
+    events_decide(&p, &k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, k.change_kind);
+    expect_near(restarted ? 0 : 0.5, number(k.change_age), 1e-6, "age", restarted);
+    expect_near(restarted ? 0.125 : 0, number(k.change_from[TSE_CY_FRONT]), 1e-6, "before", restarted);
+  }
+}
+
+/* Of two roads the less likely one gives way to the next. */
+static void test_the_less_likely_road_gives_way(void)
+{
+  for (int likelier = 0; likelier < 2; likelier++) {
+    tse_params p;
+    static tse_kalman k;
+    k = emptied(&p);
+    for (int n = 0; n < 2; n++) {
+      k.event[n].kind = EVENT_ROAD, k.event[n].age = TSE_R(2 + n), k.event[n].info = TSE_R(3);
+      k.event[n].score = TSE_R(n == likelier ? -3 : 0);
+    }
+    events_decide(&p, &k, real(0.01));
+    for (int n = 0; n < 2; n++)
+      expect_near(n == likelier ? 2 + n : 0, number(k.event[n].age), 0, "age", 10 * likelier + n);
+  }
+}
+
+/* Both roads together are the probability that it was the road. By hand: the axle and two
+ * roads of the same evidence are a third each. */
+static void test_an_axle_that_has_changed_may_have_been_either_road(void)
+{
+  tse_params p;
+  static tse_kalman k;
+  k = emptied(&p);
+  for (int n = 0; n <= 6; n++) {
+    if (n > 1 && n < 6) continue;
+    k.event[n].kind = n < 2 ? EVENT_ROAD : EVENT_REAR, k.event[n].age = SETTLE_TIME;
+    k.event[n].score = real(n < 2 ? -29.99 : -30), k.event[n].info = TSE_R(29);
+    k.event[n].v[n < 2 ? LCF : LCR] = short_of(0.5 / number(state_unit[LCF]));
+  }
+  events_decide(&p, &k, TSE_R(0));
+  const double road = exp(0.5 * (29.99 * 29.99 - 900) / 30), share = 2 * road / (2 * road + 1);
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, k.change_kind);
+  expect_near(log(1 - 0.5 * share * 29.99 / 30), number(k.x[LCF]), 1e-3, "front axle", 0);
+  expect_near(log(1 - 0.5 * (1 - share)), number(k.x[LCR]), 1e-3, "rear axle", 0);
 }
