@@ -1115,8 +1115,8 @@ static void test_an_accepted_event_leaves_a_state_within_its_limit(void)
     tse_params p;
     static tse_kalman k;
     k = emptied(&p);
-    k.event[7].kind = EVENT_SLIP_FRONT, k.event[7].score = TSE_R(60 * side), k.event[7].info = TSE_R(29);
-    k.event[7].v[SF] = short_of(number(state_max[SF]) / number(state_unit[SF]));
+    k.event[7].kind = EVENT_SLIP_FRONT, k.event[7].score = TSE_R(600 * side), k.event[7].info = TSE_R(29);
+    k.event[7].v[SF] = short_of(0.25 * number(state_max[SF]) / number(state_unit[SF]));
     events_decide(&p, &k, TSE_R(0));
     expect_near(side * number(state_max[SF]), number(k.x[SF]), 1e-6, "slip", side);
   }

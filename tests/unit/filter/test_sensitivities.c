@@ -29,7 +29,10 @@ static void test_each_sensitivity_moves_as_the_state_does(void)
     for (int q = 0; q < TSE_CONSIDERED; q++)
       p.uncertain[q] = real(run > 1 && next_uniform(&seed) < 0.5 ? 0.5 + 0.1 * q : 0);
     for (int i = 0; i < MOTION; i++)
-      for (int j = 0; j < PLACES; j++) M[i][j] = slope_of(next_between(&seed, -0.5, 0.5));
+      for (int j = 0; j < PLACES; j++) { /* as r_slope() and r_short() return them */
+        const double x = next_between(&seed, -0.5, 0.5);
+        M[i][j] = j < STATES ? slope_of(x) : short_of(x);
+      }
     before = k;
     sensitivities_move(&p, &k, M, real(0.25));
     for (int s = 0; s < TSE_EVENTS + TSE_CONSIDERED; s++) {
@@ -40,9 +43,8 @@ static void test_each_sensitivity_moves_as_the_state_does(void)
       for (int i = 0; i < TSE_ALL; i++) {
         double expected = number_of(from[i]);
         if (moves && i < MOTION) {
-          expected = q >= 0 && q < COLUMNS - STATES
-              ? number_of_slope(M[i][STATES + q]) * number(p.uncertain[q])
-              : 0;
+          expected = q >= 0 && q < COLUMNS - STATES ? number_of(M[i][STATES + q]) * number(p.uncertain[q])
+                                                    : 0;
           for (int j = 0; j < STATES; j++) expected += number_of_slope(M[i][j]) * number_of(from[j]);
         }
         expect_near(expected, number_of(to[i]), BY_NUMBER(1e-9, 1e-5, 1e-4), q < 0 ? "event" : "parameter",
