@@ -784,6 +784,121 @@ static void test_uncertain_parameters_widen_the_interval(void)
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(sd[1][a] > 1.2 * sd[0][a]);
 }
 
+/* The status of a row is the most severe of its cautions. */
+static void test_the_status_of_a_row_is_its_most_severe_caution(void)
+{
+  enum {
+    FRONT = TSE_MISSING_wheel_speed_front,
+    REAR = TSE_MISSING_wheel_speed_rear,
+    IMU = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate
+  };
+  static const struct {
+    uint32_t missing;
+    double speed[2], steer, dt; /* factors on the wheel speeds; [rad] added; [s] */
+    int apart, status;
+  } cases[] = {
+    { TSE_MISSING_accel_x, { 1, 1 }, 0, 0.01, 0, TSE_W_MISSING_CHANNEL },
+    { TSE_MISSING_accel_y, { 1, 1 }, 0, 0.01, 0, TSE_W_MISSING_CHANNEL },
+    { TSE_MISSING_yaw_rate, { 1, 1 }, 0, 0.01, 0, TSE_W_MISSING_CHANNEL },
+    { FRONT, { 1, 1 }, 0, 0.01, 0, TSE_W_MISSING_CHANNEL },
+    { REAR, { 1, 1 }, 0, 0.01, 0, TSE_W_MISSING_CHANNEL },
+    { IMU, { 1, 1 }, 0, 0.01, 0, TSE_W_PREDICTED },
+    { TSE_MISSING_steer_angle, { 1, 1 }, 0, 0.01, 0, TSE_W_PREDICTED },
+    { 0, { 0.01, 0.01 }, 0, 0.01, 0, TSE_W_HELD },
+    { 0, { -1, -1 }, 0, 0.01, 0, TSE_W_HELD },
+    { 0, { 1, -1 }, 0, 0.01, 0, TSE_W_HELD },
+    { 0, { -1, 1 }, 0, 0.01, 0, TSE_W_HELD },
+    { 0, { 1, 1 }, 0.9, 0.01, 0, TSE_W_HELD },
+    { 0, { 1, 1 }, -0.9, 0.01, 0, TSE_W_HELD },
+    { FRONT, { 0.01, 0.01 }, 0, 0.01, 0, TSE_W_HELD },
+    { 0, { 1, 1 }, 0, 0.6, 0, TSE_W_GAP },
+    { 0, { 2, 2 }, 0, 0.01, 0, TSE_W_GAP }, /* no car gains speed so fast */
+    { FRONT, { 1, 2 }, 0, 0.01, 0, TSE_W_GAP },
+    { REAR, { 2, 1 }, 0, 0.01, 0, TSE_W_GAP },
+    { 0, { 1, 1 }, 0, 0.01, 1, TSE_W_IMPLAUSIBLE },
+    { 0, { 1, 1 }, 0, 0.6, 1, TSE_W_IMPLAUSIBLE },
+  };
+  start(a_car(), 20, 0, 2);
+  tse_output y = drive(150);
+  TEST_ASSERT_EQUAL_INT(TSE_W_STARTING, y.status);
+  y = drive(150);
+  TEST_ASSERT_TRUE(y.status < TSE_W_STARTING);
+  before = f;
+  const tse_input good = truth_row(&w, 0.01);
+  for (int n = 0; n < ROWS(cases); n++) {
+    tse_input u = good;
+    char text[40];
+    f = before;
+    u.dt = real(cases[n].dt), u.missing = cases[n].missing, u.steer_angle += real(cases[n].steer);
+    u.wheel_speed_front = real(cases[n].speed[0] * number(u.wheel_speed_front));
+    u.wheel_speed_rear = real(cases[n].speed[1] * number(u.wheel_speed_rear));
+    for (int i = 0; i < TSE_PAIRS; i++) f.k.agreement.pair[i].time = TSE_R(0); /* decides nothing */
+    for (int i = 0; i < TSE_PAIRS; i++)
+      f.k.agreement.pair[i].var[0] = f.k.agreement.pair[i].var[1] = TSE_R(0);
+    f.k.agreement.apart = cases[n].apart;
+    step(&w.p, u, &y);
+    (void)snprintf(text, sizeof text, "case %d", n);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(cases[n].status, y.status, text);
+    const int placed = cases[n].status == TSE_W_HELD || cases[n].dt > 0.5 || cases[n].status == TSE_W_GAP;
+    for (int a = 0; a < TSE_SENSORS && placed; a++) /* no sensor was compared */
+      TEST_ASSERT_TRUE_MESSAGE(f.k.innovation[a] == TSE_R(0) && f.k.innovation_var[a] == TSE_R(0)
+              && f.k.nis[a] == TSE_R(0) && f.k.log_likelihood == TSE_R(0),
+          text);
+    expect_near(number(before.k.seen) + (placed ? 0 : 0.01), number(f.k.seen), 1e-5, "time of data", n);
+  }
+}
+
+/* Timers run while a channel is missing, or the wheels stand, and start again at 0. */
+static void test_each_timer_runs_while_its_cause_lasts(void)
+{
+  enum {
+    STEER = TSE_MISSING_steer_angle,
+    WHEELS = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear
+  };
+  static const struct {
+    uint32_t missing;
+    int stands;
+    double held, rolled, still; /* [s] after five such rows */
+  } cases[] = { { STEER, 0, 0.05, 0, 0 }, { WHEELS, 0, 0, 0.05, 0 }, { STEER | WHEELS, 0, 0.05, 0.05, 0 },
+    { TSE_MISSING_wheel_speed_front, 0, 0, 0, 0 }, { 0, 1, 0, 0, 0.05 }, { WHEELS, 1, 0, 0.05, 0 },
+    { 0, 0, 0, 0, 0 } };
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  (void)drive(100);
+  before = f;
+  for (int n = 0; n < ROWS(cases); n++) {
+    f = before;
+    for (int row = 0; row < 6; row++) {
+      tse_input u = truth_row(&w, 0.01);
+      if (row < 5) {
+        u.missing = cases[n].missing;
+        if (cases[n].stands) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
+      }
+      step(&w.p, u, &y);
+      const double left = row < 5 ? (row + 1) / 5.0 : 0;
+      expect_near(left * cases[n].held, number(f.held_for), 1e-5, "without an angle [s]", n);
+      expect_near(left * cases[n].rolled, number(f.rolled_for), 1e-5, "without a wheel speed [s]", n);
+      expect_near(left * cases[n].still, number(f.still_for), 1e-5, "at rest [s]", n);
+    }
+  }
+}
+
+/* Each gap counts one, and is forgotten with the time constant USUAL_TIME. */
+static void test_gaps_are_counted_and_forgotten(void)
+{
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  (void)drive(100);
+  expect_near(0, number(f.gaps), 0, "before", 0);
+  double expected = 0;
+  for (int n = 0; n < 200; n++) {
+    const int gap = n % 20 == 10;
+    step(&w.p, truth_row(&w, gap ? 0.6 : 0.01), &y);
+    expected = gap ? expected + 1 : expected * (1 - 0.01 / number(USUAL_TIME));
+    expect_near(expected, number(f.gaps), 1e-3, "gaps", n);
+  }
+}
+
 /* --------------------------------------------------------------------- what TSE_SMALL does not have */
 
 #if !defined(TSE_SMALL) /* TSE_SMALL has no events but another road, and no longitudinal stiffness */
