@@ -899,6 +899,99 @@ static void test_gaps_are_counted_and_forgotten(void)
   }
 }
 
+/* A row at these wheel speeds [m/s], as the car drives on. */
+static tse_input at_speeds(double front, double rear)
+{
+  tse_input u = truth_row(&w, 0.01);
+  u.wheel_speed_front = real(front / number(w.p.radius_front));
+  u.wheel_speed_rear = real(rear / number(w.p.radius_rear));
+  return u;
+}
+
+/* Wheel speeds of this row, their ratio, and how long each remains a signal of its own. */
+static void test_a_row_keeps_its_wheel_speeds_and_whose_signals_they_are(void)
+{
+  enum { FRONT = TSE_MISSING_wheel_speed_front, REAR = TSE_MISSING_wheel_speed_rear };
+  static const struct {
+    double front, rear, ratio; /* [m/s] after 20 m/s at both axles */
+    uint32_t missing;
+    double now, off_for[2]; /* ratio; [s] after 5 s each */
+  } cases[] = { { 20.2, 20.1, 1, 0, 20.2 / 20.1, { 20, 20 } }, { 20.1, 20.1, 1.01, 0, 1, { 4.99, 4.99 } },
+    { 20.1, 20, 1, 0, 1, { 20, 5 } }, { 20, 20.1, 1, 0, 1, { 5, 20 } },
+    { 20.1, 20.1, 1.01, REAR, 1.01, { 4.99, 4.99 } }, { 20.1, 20.1, 1.01, FRONT, 1.01, { 4.99, 4.99 } },
+    { 20.2, 20.1, 0, 0, 20.2 / 20.1, { 5, 5 } }, { 0.1, 0.05, 0, 0, 0, { 5, 5 } } };
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  (void)drive(100);
+  before = f;
+  for (int n = 0; n < ROWS(cases); n++) {
+    f = before;
+    f.v_front = f.v_rear = TSE_R(20), f.ratio = real(cases[n].ratio), f.off_for[0] = f.off_for[1] = TSE_R(5);
+    tse_input u = at_speeds(cases[n].front, cases[n].rear);
+    u.missing = cases[n].missing;
+    step(&w.p, u, &y);
+    expect_near(cases[n].missing == FRONT ? 20 : cases[n].front, number(f.v_front), 1e-4, "front", n);
+    expect_near(cases[n].missing == REAR ? 20 : cases[n].rear, number(f.v_rear), 1e-4, "rear", n);
+    expect_near(cases[n].now, number(f.ratio), 1e-4, "ratio", n);
+    for (int a = 0; a < 2; a++)
+      expect_near(cases[n].off_for[a], number(f.off_for[a]), 1e-4, "signal of its own [s]", 10 * n + a);
+  }
+}
+
+/* Both wheel speeds may rise by 100 m/s2 and by the hold speed. One locked axle, or no
+ * wheel speed, holds nothing. */
+static void test_a_rise_beyond_that_of_any_car_is_a_gap(void)
+{
+  static const double share[] = { 0.9, 1.1 };
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  (void)drive(300);
+  before = f;
+  for (int n = 0; n < ROWS(share); n++)
+    for (int slow = 0; slow < 2; slow++) {
+      f = before;
+      tse_input u = at_speeds(0, 0);
+      u.dt = real(slow ? 0.001 : 0.02);
+      const double most = share[n] * (number(w.p.hold_speed) + 100 * number(u.dt));
+      u.wheel_speed_front = real((number(f.v_front) + most) / number(w.p.radius_front));
+      u.wheel_speed_rear = real((number(f.v_rear) + most) / number(w.p.radius_rear));
+      step(&w.p, u, &y);
+      TEST_ASSERT_EQUAL_INT(share[n] > 1, y.status == TSE_W_GAP);
+    }
+  for (int n = 0; n < 3; n++) {
+    f = before;
+    tse_input u = at_speeds(n == 0 ? 0 : 20, n == 1 ? 0 : 20);
+    if (n == 2) u.missing = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear;
+    step(&w.p, u, &y);
+    TEST_ASSERT_TRUE(y.status != TSE_W_HELD);
+  }
+}
+
+/* A lost motion is found, and the filter starts, with the first row that has both a
+ * steering angle and a wheel speed. */
+static void test_the_motion_is_known_from_an_angle_and_a_wheel_speed_on(void)
+{
+  static const uint32_t missing[] = { TSE_MISSING_steer_angle,
+    TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear, TSE_MISSING_wheel_speed_rear };
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  const tse_filter fresh = f;
+  (void)drive(100);
+  before = f;
+  for (int n = 0; n < ROWS(missing); n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.missing = missing[n];
+    f = before, f.lost = 1;
+    step(&w.p, u, &y);
+    TEST_ASSERT_EQUAL_INT(n < 2, f.lost);
+    if (n == 0) TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, y.status); /* no gap until the angle is there */
+    if (n == 2) TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
+    f = fresh;
+    step(&w.p, u, &y);
+    TEST_ASSERT_EQUAL_INT(n == 2, f.started);
+  }
+}
+
 /* --------------------------------------------------------------------- what TSE_SMALL does not have */
 
 #if !defined(TSE_SMALL) /* TSE_SMALL has no events but another road, and no longitudinal stiffness */
