@@ -276,6 +276,33 @@ static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none
   expect_config(&ordinary, &got);
 }
 
+/* Of an exact car, a parameter that is set to its start value keeps it, unless all
+ * parameters are set: then those with their start values count as not set. */
+static void test_a_start_value_counts_as_set_unless_every_parameter_is_set(void)
+{
+  tse_config exact, ordinary, got;
+  tse_config_exact(&exact);
+  tse_config_default(&ordinary);
+  TEST_ASSERT_TRUE(ordinary.mass_sd > exact.mass_sd && ordinary.cg_sd > exact.cg_sd);
+
+  fmi2Component const one = instantiated();
+  SET(one, { "vehicle.exact", 1 }, { "uncertainty.mass_sd", ordinary.mass_sd });
+  initialized(one);
+  got = used_by(one);
+  TEST_ASSERT_TRUE(got.mass_sd == ordinary.mass_sd);
+  TEST_ASSERT_TRUE(got.cg_sd == exact.cg_sd && got.mass == exact.mass);
+
+  fmi2Component const all = instantiated();
+  set_every_parameter_to_its_start(all);
+  SET(all, { "vehicle.exact", 1 }, { "uncertainty.cg_sd", 0.5 * ordinary.cg_sd }, { "vehicle.mass", 1650 });
+  initialized(all);
+  got = used_by(all);
+  exact.cg_sd = 0.5 * ordinary.cg_sd; /* below and above the start value */
+  exact.mass = 1650;
+  exact.particles = 60;
+  expect_config(&exact, &got);
+}
+
 static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
 {
   fmi2Component const c = instantiated();
@@ -498,6 +525,11 @@ static void test_a_gap_is_bridged_or_restarts_and_a_longer_one_than_an_hour_is_r
   TEST_ASSERT_EQUAL_INT(fmi2Warning,
       fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused because of it */
 
+  fmi2Component const hour = stepping();
+  set_inputs(hour, 0);
+  OK(fmi2DoStep(hour, 0.0, 3600.0, fmi2True)); /* the limit itself */
+  TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(hour, 3600.0, STEP, fmi2True));
+
   fmi2Component const d = stepping();
   stepped(d, 0, 3);
   set_inputs(d, 3);
@@ -514,4 +546,120 @@ static void test_inputs_take_no_derivatives(void)
   const fmi2Integer order = 1;
   const fmi2Real value = 0.5;
   REFUSED(fmi2SetRealInputDerivatives(c, &vr, 1, &order, &value), "accel_x takes no derivative");
+}
+
+/* After a gap the text describes the gap, though a channel is missing, too. */
+static void test_a_gap_is_reported_rather_than_a_missing_channel(void)
+{
+  fmi2Component const c = stepping();
+  stepped(c, 0, 3);
+  set_inputs(c, 3);
+  OK(fmi2DoStep(c, 3 * STEP, 2.0, fmi2True));
+  set_inputs(c, 4);
+  OK(put_real(c, "accel_y", (double)NAN));
+  TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 3 * STEP + 2.0, STEP, fmi2True));
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, integer_of(c, "estimate.status"));
+  TEST_ASSERT_NOT_NULL_MESSAGE(strstr(last_line(), tse_status_text(TSE_W_GAP)), last_line());
+  TEST_ASSERT_NULL_MESSAGE(strstr(last_line(), "accel_y"), last_line());
+}
+
+static fmi2Component start_late(void)
+{
+  fmi2Component const c = instantiated();
+  SET(c, { "latency.steer_angle_latency", 3 * STEP }, { "vehicle.exact", 1 });
+  initialized(c);
+  return c;
+}
+
+/* Waiting for a late channel is no fault: no warning, and nothing is logged. */
+static void test_rows_that_wait_for_a_late_channel_are_no_warning(void)
+{
+  fmi2Component const c = start_late();
+  for (int k = 0; k < 3; k++) {
+    stepped(c, k, k + 1);
+    TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, integer_of(c, "estimate.status"));
+  }
+  stepped(c, 3, 6);
+  TEST_ASSERT_TRUE(integer_of(c, "estimate.status") != TSE_W_WAITING);
+  TEST_ASSERT_EQUAL_INT(0, said);
+}
+
+/* The filter processes a row three steps later, when the inputs are complete again. */
+static void test_a_channel_that_was_missing_is_a_warning_in_the_step_that_processes_its_row(void)
+{
+  fmi2Component const c = start_late();
+  for (int k = 0; k < 40; k++) {
+    set_inputs(c, k);
+    if (k == 30) OK(put_real(c, "accel_y", (double)NAN));
+    const fmi2Status status = fmi2DoStep(c, k * STEP, STEP, fmi2True);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(k == 30 || k == 33 ? fmi2Warning : fmi2OK, status, last_line());
+  }
+  TEST_ASSERT_EQUAL_INT(2, said);
+  TEST_ASSERT_NOT_NULL_MESSAGE(strstr(last_line(), tse_status_text(TSE_W_MISSING_CHANNEL)), last_line());
+}
+
+static void test_rows_without_inputs_are_a_warning_in_the_steps_that_only_predict_them(void)
+{
+  fmi2Component const c = start_late();
+  for (int k = 0; k < 100; k++) {
+    set_inputs(c, k);
+    if (k >= 30 && k < 90)
+      SET(c, { "wheel_speed_front", (double)NAN }, { "wheel_speed_rear", (double)NAN },
+          { "accel_x", (double)NAN }, { "accel_y", (double)NAN }, { "yaw_rate", (double)NAN });
+    const fmi2Status status = fmi2DoStep(c, k * STEP, STEP, fmi2True);
+    if (k < 90) continue;
+    TEST_ASSERT_EQUAL_INT(k < 93, integer_of(c, "estimate.status") == TSE_W_PREDICTED);
+    if (k < 93) TEST_ASSERT_EQUAL_INT_MESSAGE(fmi2Warning, status, last_line());
+  }
+}
+
+/* Each mask has bits for its own channels only. Further bits give no channel of another
+ * group. */
+static void test_bits_beyond_a_group_of_optional_channels_are_ignored(void)
+{
+  fmi2Component const a = stepping(), b = stepping();
+  for (int k = 0; k < 200; k++) {
+    set_inputs(a, k);
+    set_inputs(b, k);
+    for (int n = 0; n < 2; n++)
+      SET(n ? a : b, { "pedals.brake", 1 }, { "pedals.wheel_torque_front", -900 },
+          { "pedals.wheel_torque_rear", -400 }, { "road.bank", 0.1 }, { "road.grade", -0.1 },
+          { "velocity.gnss_speed", 20 }, { "velocity.given", n ? ~15 : 0 }, { "pedals.given", n ? ~7 : 0 },
+          { "road.given", n ? ~3 : 0 });
+    OK(fmi2DoStep(a, k * STEP, STEP, fmi2True));
+    OK(fmi2DoStep(b, k * STEP, STEP, fmi2True));
+  }
+  for (int32_t v = 0; v < fmu_variable_count; v++)
+    if (fmu_variables[v].role == 'o')
+      TEST_ASSERT_TRUE_MESSAGE(
+          value_of(a, &fmu_variables[v]) == value_of(b, &fmu_variables[v]), fmu_variables[v].name);
+}
+
+/* The codes that the model description lists: those that an output can have, each type
+ * from 0 on. */
+typedef struct code_list {
+  int32_t last; /* last code of the current type */
+  char type[40];
+  int types;
+} code_list;
+
+static void note_code(void *to, const char *type, int32_t code, const char *name, const char *text)
+{
+  code_list *const l = to;
+  if (strcmp(l->type, type) != 0) {
+    (void)snprintf(l->type, sizeof l->type, "%s", type);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(0, code, type);
+    l->types++;
+  } else TEST_ASSERT_EQUAL_INT32_MESSAGE(l->last + 1, code, name);
+  l->last = code;
+  TEST_ASSERT_TRUE_MESSAGE(name[0] && text[0], type);
+}
+
+static void test_listed_codes_are_those_that_an_output_can_have(void)
+{
+  code_list l = { 0, "", 0 };
+  model_list_codes(note_code, &l);
+  TEST_ASSERT_EQUAL_INT(4, l.types);
+  TEST_ASSERT_EQUAL_STRING("FaultChannel", l.type);
+  TEST_ASSERT_EQUAL_INT32(TSE_CHANNELS + TSE_VELOCITIES, l.last); /* and 0, none */
 }

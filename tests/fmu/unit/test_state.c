@@ -307,6 +307,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { MODEL + offsetof(model, sim.effects.steer.count), 4, (const int32_t[]){ 13 } },
     { MODEL + offsetof(model, ramp), 4, (const int32_t[]){ 2 } },
     { MODEL + offsetof(model, rate), 8, &none },
+    { MODEL + offsetof(model, rate) + sizeof(tse_sim_input) - 8, 8, &none }, /* of the last input */
 #endif
   };
   for (int i = 0; i < COUNT(parts); i++) {

@@ -22,12 +22,13 @@ static tse_sim_input input_of(int k)
   u.brake_torque_front = k % 10 == 3 ? 200.0 : 0.0;
   u.brake_torque_rear = 5.0 * (k % 4);
   u.road_level = k < 60 ? 1.0 : 0.7;
+  u.road_friction = k < 40 ? 0.0 : 0.3;
   return u;
 }
 
 static void expect_real(fmi2Component c, const char *name, double expected, int k)
 {
-  char what[80];
+  char what[160];
   const double value = real_of(c, name);
   (void)snprintf(what, sizeof what, "%s, step %d: %.17g, expected %.17g", name, k, value, expected);
   TEST_ASSERT_TRUE_MESSAGE(memcmp(&value, &expected, sizeof value) == 0, what);
@@ -117,8 +118,8 @@ static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
  * stiffness was drawn. */
 static void jump(const tse_sim_input *u)
 {
-  const tse_real level = sim.last.road_level;
-  sim.last = *u, sim.last.road_level = level;
+  const tse_real level = sim.last.road_level, friction = sim.last.road_friction;
+  sim.last = *u, sim.last.road_level = level, sim.last.road_friction = friction;
 }
 
 /* Held inputs: the inputs set at t act during the whole step, as in a simulator that gets
@@ -137,6 +138,36 @@ static void test_without_ramp_inputs_are_held_during_the_step(void)
     jump(&u);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
     expect_outputs(c, &y, k);
+  }
+}
+
+/* The friction of the road changes at a row: the step that ends there is not affected,
+ * but the forces at the row are, and with them the next step. Other than of the road, the
+ * new value of the steering angle acts on this step. */
+static void test_a_new_friction_of_the_road_acts_from_its_row_on(void)
+{
+  for (int ramp = 0; ramp < 2; ramp++) {
+    fmi2Component const dry = instantiated(), wet = instantiated();
+    for (int n = 0; n < 2; n++) {
+      SET(n ? wet : dry, { "ramp", ramp }, { "simulation.noise", 0 }, { "steer_angle", 0.05 },
+          { "road_friction", 1.0 });
+      go(n ? wet : dry);
+    }
+    for (int k = 0; k < 100; k++) {
+      OK(fmi2DoStep(dry, k * STEP, STEP, fmi2True));
+      OK(fmi2DoStep(wet, k * STEP, STEP, fmi2True));
+    }
+    OK(put_real(wet, "road_friction", 0.3));
+    OK(fmi2DoStep(dry, 1.0, STEP, fmi2True));
+    OK(fmi2DoStep(wet, 1.0, STEP, fmi2True));
+    TEST_ASSERT_TRUE(real_of(wet, "true.vel_y") == real_of(dry, "true.vel_y"));
+    TEST_ASSERT_TRUE(real_of(wet, "true.yaw_rate") == real_of(dry, "true.yaw_rate"));
+    TEST_ASSERT_TRUE(real_of(wet, "sensor.accel_y") < real_of(dry, "sensor.accel_y") - 1.0);
+    OK(fmi2DoStep(dry, 1.01, STEP, fmi2True));
+    OK(fmi2DoStep(wet, 1.01, STEP, fmi2True));
+    TEST_ASSERT_TRUE(real_of(wet, "true.vel_y") < real_of(dry, "true.vel_y") - 0.01);
+    drop(wet);
+    drop(dry);
   }
 }
 
@@ -177,10 +208,12 @@ static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void
   static const double rates[] = { 0.3, -5000.0, 250.0, 20.0, 40.0, 0.1 };
   tse_sim_output y;
   fmi2Component const c = start_both(&y);
+  double time = 0;
   OK(put_boolean(c, "ramp", fmi2False));
   go(c);
   for (int k = 0; k < 60; k++) {
-    const tse_sim_input u = input_of(k + 1);
+    tse_sim_input u = input_of(k + 1);
+    u.dt = k % 3 == 2 ? 0.025 : STEP; /* variable communication steps */
     tse_sim_input to = u;
     put_inputs(c, &u);
     jump(&u);
@@ -188,10 +221,11 @@ static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void
         != 3) { /* without a derivative an input is held; a derivative holds for one communication point */
       for (int n = 0; n < COUNT(rates); n++) { /* neighbouring members */
         OK(put_rate(c, fmu_variables[n].name, rates[n]));
-        (&to.steer_angle)[n] += STEP * rates[n];
+        (&to.steer_angle)[n] += u.dt * rates[n];
       }
     }
-    OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
+    OK(fmi2DoStep(c, time, u.dt, fmi2True));
+    time += u.dt;
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &to, &y));
     expect_outputs(c, &y, k);
     expect_real(c, "steer_angle", u.steer_angle, k); /* the value set is unchanged */
@@ -296,5 +330,21 @@ static void test_wrong_inputs_and_settings_at_the_start_are_refused_by_name(void
   const fmi2ValueReference vr = ref(AN_OUTPUT);
   REFUSED(fmi2GetReal(c, &vr, 1, &value), "fmi2GetReal", "road_level");
   OK(put_real(c, "road_level", 1.0));
+  OK(fmi2ExitInitializationMode(c));
+}
+
+/* Each parameter is in its range, but together they are no formula: operation 255 does not
+ * exist. */
+static void test_parameters_that_do_not_fit_together_are_refused_by_name_at_the_start(void)
+{
+  fmi2Component const c = instantiated();
+  SET(c, { "effects.formula_gain", 1 }, { "effects.formula_code_1", 255 });
+  OK(fmi2EnterInitializationMode(c));
+  saved_bytes before = bytes_of(c);
+  REFUSED(fmi2ExitInitializationMode(c), "fmi2ExitInitializationMode", "effects.formula_code_1",
+      tse_status_text(TSE_E_CONFIG));
+  expect_unchanged_and_free(c, &before, "after a refused start");
+  OK(put_integer(c, "effects.formula_code_1", 0));
+  OK(put_real(c, "effects.formula_gain", 0));
   OK(fmi2ExitInitializationMode(c));
 }
