@@ -460,6 +460,24 @@ def test_a_drive_that_cannot_be_run_is_skipped_and_stops_no_other(tmp_path, car,
     assert [t.log.name for t in ran] == ["2.csv"]
 
 
+def test_a_drive_that_was_not_estimated_discards_nothing_that_was_learnt(tmp_path, car, monkeypatch):
+    tasks: list[Task] = []
+
+    def run(task: Task) -> Outcome:
+        tasks.append(task)
+        if task.log.name in ("1.csv", "2.csv"):
+            return Outcome(error=f"{task.log}: no rows")
+        return Outcome(learnt=task.log.name.encode(), seconds=100.0)
+
+    monkeypatch.setattr(running, "run_task", run)
+    drives = make_drives("a", "a", "a", "a", tmp_path=tmp_path, car=car)
+    for _ in range(2):  # the second call finds all outcomes stored
+        run_drives(drives, FleetPlan(Reading()), Store(tmp_path / "out", False), jobs=0)
+    assert [t.log.name for t in tasks] == [f"{i}.csv" for i in range(4)]
+    assert [t.learnt for t in tasks] == [None, b"0.csv", b"0.csv", b"0.csv"]
+    assert [t.age for t in tasks] == [0.0] + [86400.0 * i - 100.0 for i in (1, 2, 3)]
+
+
 def test_drives_that_overlap_have_no_age_below_0(tmp_path, car, ran):
     drives = [
         replace(d, start=50.0 * i) for i, d in enumerate(make_drives("a", "a", tmp_path=tmp_path, car=car))
