@@ -375,9 +375,8 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   TEST_ASSERT_TRUE(time == 3 * STEP + STEP);
 }
 
-static void test_times_far_from_zero_are_compared_with_what_they_can_hold(void)
+static void step_far_from_zero(double start)
 {
-  const double start = 1.7e9; /* [s] since 1970: neighbours are 2.4e-7 apart */
   fmi2Component const c = instantiated();
   OK(fmi2SetupExperiment(c, fmi2False, 0, start, fmi2False, 0));
   begin(c);
@@ -390,6 +389,13 @@ static void test_times_far_from_zero_are_compared_with_what_they_can_hold(void)
   set_inputs(c, 20);
   OK(fmi2DoStep(c, start + 20 * STEP, 1e-5, fmi2True));
   OK(fmi2DoStep(c, start + 20 * STEP + 1e-5 + 4.8e-7, 1e-5, fmi2True)); /* two neighbours: 5 % of this step */
+}
+
+/* [s] since 1970, or before: neighbours are 2.4e-7 apart */
+static void test_times_far_from_zero_are_compared_with_what_they_can_hold(void)
+{
+  step_far_from_zero(1.7e9);
+  step_far_from_zero(-1.7e9);
 }
 
 static void test_what_is_asked_about_steps(void)
@@ -498,8 +504,11 @@ static void test_categories_are_switched_on_and_off(void)
   OK(fmi2SetDebugLogging(c, fmi2False, 0, NULL));
   TEST_ASSERT_EQUAL_INT_MESSAGE(
       1, events_of_a_round(c), "errors are said unless they are switched off by name");
+  OK(fmi2SetDebugLogging(c, fmi2True, 0, NULL));
   OK(fmi2SetDebugLogging(c, fmi2False, 2, both));
   TEST_ASSERT_EQUAL_INT(0, events_of_a_round(c));
+  OK(fmi2SetDebugLogging(c, fmi2True, 2, both));
+  TEST_ASSERT_EQUAL_INT(3, events_of_a_round(c));
 }
 
 static void test_the_platform_is_the_standard_one(void)

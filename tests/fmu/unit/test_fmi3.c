@@ -171,6 +171,33 @@ static void test_every_variable_has_the_bits_of_fmi_2_over_a_drive(void)
     expect_same_variables(two, three);
   }
   OK3(fmi3Terminate(three));
+  double end = 0;
+  OK(fmi2GetRealStatus(two, fmi2LastSuccessfulTime, &end));
+  expect_same_number(end, number3(three, time_reference(), 'r'), "time after the end");
+}
+
+/* Give every element of an array of the instance a value of its own. A state may have any
+ * outputs: they are not checked. */
+static void make_elements_differ(fmi3Instance c)
+{
+  const size_t frame = 32, at_model = frame + 24; /* as in test_state.c */
+  fmi3FMUState state = NULL;
+  save3(c, &other);
+  for (int32_t k = 0; k < fmu_array_count; k++)
+    for (int32_t e = 0; e < fmu_arrays[k].count; e++) {
+      const fmu_variable *const of = &fmu_arrays[k].of;
+      fmi3Byte *const at = other.at + at_model + of->offset;
+      const int32_t whole = of->kind == 'b' ? e % 2 : e + 1;
+      const double real = 0.1 * e + k;
+      if (of->kind == 'r') memcpy(at + (size_t)e * sizeof real, &real, sizeof real);
+      else memcpy(at + (size_t)e * sizeof whole, &whole, sizeof whole);
+    }
+  uint64_t sum = 14695981039346656037u;
+  for (size_t i = frame; i < other.count; i++) sum = (sum ^ other.at[i]) * 1099511628211u;
+  memcpy(other.at + 24, &sum, sizeof sum);
+  OK3(fmi3DeserializeFMUState(c, other.at, other.count, &state));
+  OK3(fmi3SetFMUState(c, state));
+  OK3(fmi3FreeFMUState(c, &state));
 }
 
 /* Each element of an array equals the output in its place. */
@@ -178,6 +205,7 @@ static void test_an_array_is_the_outputs_that_it_is_made_of(void)
 {
   fmi3Instance const c = stepping3();
   stepped3(c, 0, 30);
+  make_elements_differ(c);
   for (int32_t k = 0; k < fmu_array_count; k++) {
     const fmu_array *const a = &fmu_arrays[k];
     const fmi3ValueReference vr = (fmi3ValueReference)(fmu_variable_count + k);
@@ -284,6 +312,11 @@ static void test_arguments_that_are_missing_or_of_another_type_are_named(void)
   REFUSED3(fmi3SetInt32(c, &real, 1, &i, 1), "of type Float64, not Int32");
   REFUSED3(fmi3GetBoolean(c, &real, 1, &b, 1), "of type Float64, not Boolean");
   REFUSED3(fmi3SetBoolean(c, &real, 1, &b, 1), "of type Float64, not Boolean");
+#if defined(CASE_ESTIMATOR)
+  const fmi3ValueReference code = ref("estimate.status");
+  REFUSED3(fmi3GetInt32(c, &code, 1, &i, 1), "estimate.status", "of type Enumeration, not Int32");
+  REFUSED3(fmi3GetFloat64(c, &code, 1, &x, 1), "of type Enumeration, not Float64");
+#endif
 #define ANOTHER(type, variable, its, at)                                                                     \
   REFUSED3(fmi3Get##type(c, &variable, 1, &at, 1), "fmi3Get" #type, "of type " its ", not " #type);          \
   REFUSED3(fmi3Set##type(c, &variable, 1, &at, 1), "fmi3Set" #type, "of type " its ", not " #type)

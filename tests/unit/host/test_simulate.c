@@ -507,14 +507,16 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   tse_config c = default_car();
   tse_sim_config s = quiet();
   s.hold_inputs = 1;
-  for (int effect = 0; effect < 2; effect++) {
+  for (int run = 0; run < 4; run++) {
+    const int effect = run % 2;
+    const double left = run < 2 ? 0.02 : -0.02;
     c.steering_offset_angle = setting(effect ? 0.001 : 0);
     start(c, s);
     for (int k = 0; k < 3; k++) {
-      const double steer = (k == 2 ? 0.02 : 0) - (effect ? 0.001 : 0);
+      const double steer = (k == 2 ? left : 0) - (effect ? 0.001 : 0);
       tse_sim_output y;
       step(driver(0.01, 0, steer), &y);
-      expect_near(k == 2 ? 0.02 * 1.2e5 / 1900 : 0, number(y.accel_y), BY_FORMAT(1e-9, 1e-3), "accel_y", k);
+      expect_near(k == 2 ? left * 1.2e5 / 1900 : 0, number(y.accel_y), BY_FORMAT(1e-9, 1e-3), "accel_y", k);
     }
   }
 }
