@@ -164,10 +164,13 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   expect_relative(2 * acos(-1.0) * 1.5, k->roll_omega, "roll_omega");
   expect_relative(9.81, k->roll_leak, "roll_leak");
   expect_relative(0.2, k->roll_height, "roll_height");
+  expect_relative(0.25, k->roll_damping, "roll_damping");
+  expect_relative(0.4, k->roll_coupling, "roll_coupling");
   expect_near(cos(0.05), number(k->mount_cos), BY_FORMAT(1e-12, 1e-6), "mount_cos", 0);
   expect_near(-sin(0.05), number(k->mount_sin), BY_FORMAT(1e-12, 1e-6), "mount_sin", 0);
   expect_relative(1.02, k->scale_r, "scale_r");
   expect_relative(9.81 * 0.012 * 1.6 / 2.7 * 1250 / 110000, k->free_front, "free_front");
+  expect_relative(9.81 * 0.012 * 1.1 / 2.7 * 1250 / 95000, k->free_rear, "free_rear");
   TEST_ASSERT_EQUAL_INT32(2, k->driven);
   expect_relative(0.04, p.steer_lag, "steer_lag");
   const tse_params q = prepared(defaults());

@@ -210,6 +210,53 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
   }
 }
 
+/* Wheels of one axle that turn backwards are enough, however fast the others turn. */
+static void test_one_axle_in_reverse_holds_the_statistics(void)
+{
+  for (int rear = 0; rear < 2; rear++) {
+    tse_output y;
+    set_out(some_settings(64), 20);
+    tse_input u = next_row(&d);
+    *(rear ? &u.wheel_speed_rear : &u.wheel_speed_front) = real(-1.0 / 0.33);
+    TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f.filter, &u, &y));
+    expect_same_statistics(&before, &f);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
+  }
+}
+
+static void test_a_missing_input_is_the_reason_even_at_standstill(void)
+{
+  tse_output y;
+  set_out(some_settings(64), 20);
+  tse_input u = still_row(0.01);
+  u.missing = TSE_MISSING_steer_angle;
+  TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
+  for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, y.reason[a]);
+}
+
+/* Until a row has all inputs, its wheel speeds say nothing: the motion starts with the
+ * first row that has them. */
+static void test_the_motion_starts_with_the_first_row_that_has_all_inputs(void)
+{
+  tse_output y;
+  tse_config c = some_settings(64);
+  c.initial_vel_x_from_wheels = 1;
+  p = prepared(c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  tse_input u = still_row(0);
+  for (int i = 0; i < 5; i++) {
+    u.missing = TSE_MISSING_steer_angle;
+    u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
+    TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
+    TEST_ASSERT_EQUAL_INT32(0, f.filter.started);
+  }
+  u.missing = 0;
+  u.wheel_speed_front = u.wheel_speed_rear = real(20.0 / 0.33);
+  TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+  TEST_ASSERT_EQUAL_INT32(1, f.filter.started);
+  expect_near(20.0, number(y.vel_x), 0.2, "vel_x", 0); /* sd 0.1 */
+}
+
 static void test_large_steering_angles_hold_the_statistics(void)
 {
   const tse_config c = some_settings(64);
