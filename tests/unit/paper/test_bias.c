@@ -96,6 +96,23 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
     }
 }
 
+/* gamma rises to at most 1, as after one sample, or to its value at the start if that is
+ * larger. A gamma that is larger already stays. */
+static void test_gamma_rises_to_one_or_to_its_value_at_the_start(void)
+{
+  static const struct {
+    double spread, from, to; /* initial_mean_sd is 0.3: gamma is 0.5625, or 4, at the start */
+  } cases[] = { { 0.4, 0.05, 1 }, { 0.4, 0.9, 1 }, { 0.4, 1.5, 1.5 }, { 0.15, 0.05, 4 }, { 0.15, 1.5, 4 } };
+  for (int k = 0; k < ROWS(cases); k++) {
+    tse_config c = settings();
+    c.initial_mean_sd = setting(0.3), c.initial_spread = setting(cases[k].spread);
+    const tse_params p = prepared(c);
+    know(cases[k].from, 40);
+    for (int i = 0; i < 100; i++) forget_for(&p, &filter, real(0.1));
+    expect_near(cases[k].to, number(filter.gamma), BY_NUMBER(1e-12, 1e-5, 1e-3), "gamma", k);
+  }
+}
+
 /* The mean has its own factor: gamma by it, nu and Lambda by the other. */
 static void test_the_mean_may_forget_faster_than_the_covariance(void)
 {

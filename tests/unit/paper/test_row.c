@@ -224,6 +224,19 @@ static void test_one_axle_in_reverse_holds_the_statistics(void)
   }
 }
 
+/* Wheels that lock while the others turn: the car moves. */
+static void test_one_axle_at_rest_is_no_standstill(void)
+{
+  for (int rear = 0; rear < 2; rear++) {
+    tse_output y;
+    set_out(some_settings(64), 20);
+    tse_input u = next_row(&d);
+    *(rear ? &u.wheel_speed_rear : &u.wheel_speed_front) = TSE_R(0);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) < TSE_W_HELD);
+    TEST_ASSERT_TRUE(f.nu > before.nu);
+  }
+}
+
 static void test_a_missing_input_is_the_reason_even_at_standstill(void)
 {
   tse_output y;
