@@ -276,6 +276,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { FRAME, 4, (const int32_t[]){ 16 } },
     { FRAME + 4, 4, (const int32_t[]){ 1 } },
     { FRAME + 4, 4, (const int32_t[]){ -1 } },
+    { FRAME, 8, (const int32_t[]){ 1, 0 } }, /* instantiated, with outputs that are up to date */
     { FRAME + 8, 8, &none },
     { FRAME + 16, 8, &none },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1e9 } },
@@ -328,6 +329,26 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   OK(fmi2DeSerializeFMUstate(c, b.at, b.count, &state));
   free(b.at);
   free(before.at);
+}
+
+/* The limits of a range belong to it, in a saved state, too. */
+static void test_a_state_with_parameters_at_their_limits_is_accepted(void)
+{
+  for (int high = 0; high < 2; high++) {
+    fmi2Component const c = instantiated();
+    fmi2FMUstate state = NULL;
+    for (int32_t i = 0; i < fmu_variable_count; i++) {
+      const fmu_variable *const v = &fmu_variables[i];
+      if (v->role == 'p' && v->kind != 'b') SET(c, { v->name, high ? v->hi : v->lo });
+    }
+    const saved_bytes b = bytes_of(c);
+    const fmi2Status status = fmi2DeSerializeFMUstate(c, b.at, b.count, &state);
+    free(b.at);
+    OK(status);
+    OK(fmi2SetFMUstate(c, state));
+    OK(fmi2FreeFMUstate(c, &state));
+    drop(c);
+  }
 }
 
 /* The FMU continues from an accepted state. Under the sanitizers, a forged word may only

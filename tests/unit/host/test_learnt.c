@@ -764,6 +764,20 @@ static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(voi
   expect_near(1, number(first_row(&p).noise[1]), 0, "noise as told: particles know none", 1);
 }
 
+/* However exactly steering and radius were known, they may have changed since. */
+static void test_steering_and_radius_are_loaded_with_at_least_a_tenth_of_the_sd_of_the_settings(void)
+{
+  const tse_params p = prepared(open_settings());
+  uint8_t bytes[TSE_LEARNT_BYTES];
+  for (int i = 6; i < TSE_KEPT; i++) {
+    learnt_with(bytes, AT_SD + 4 * i, 1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
+    const double sd = sqrt(number(f.filter.start.kept_cov[i][i])) * number(state_unit[FAST + i]);
+    const double least = 0.1 * number(p.prior_sd[FAST + i]);
+    expect_near(least, sd, BY_NUMBER(1e-12, 1e-6, 1e-2) * least, "sd", i);
+  }
+}
+
 static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
 {
   const tse_params p = prepared(open_settings());
@@ -804,6 +818,19 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
           number(y.stiffness_sd[a]) > 0.9 * (a == 1 ? 0.3 : learnt_sd[3 + a] * exp(learnt_mean[3 + a])));
       expect_near(learnt_mean[a], number(y.bias[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "bias", a);
     }
+  }
+}
+
+/* An sd of 0 in a file means that the bias is not known. */
+static void test_a_bias_that_is_not_known_starts_as_the_settings_say(void)
+{
+  const tse_params p = prepared(settings(1));
+  uint8_t bytes[TSE_LEARNT_BYTES];
+  for (int a = 0; a < 3; a++) {
+    learnt_with(bytes, AT_SD + 4 * a, 0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
+    expect_near(0, number(f.filter.start.bias[a]), 0, "bias", a);
+    expect_near(number(p.bias_var0[a]), number(f.filter.start.bias_var[a]), 0, "variance", a);
   }
 }
 
@@ -858,6 +885,28 @@ static void forms(int32_t form, tse_config *c)
   if (form) tse_config_robust(c);
   else tse_config_exact(c);
   c->particles = 200;
+}
+
+/* The mean of a stiffness that is saved is the one that was reported. The longitudinal
+ * stiffness, and its sd, are not those of the state of the filter, which includes a
+ * model error. */
+static void test_the_reported_stiffness_is_saved(void)
+{
+  tse_config c;
+  drive d;
+  uint8_t bytes[TSE_LEARNT_BYTES];
+  forms(0, &c);
+  const tse_params p = prepared(c);
+  depart(&d, &c, 1, 0.02, 700);
+  reset(&p, &f);
+  const tse_output y = run(&p, &f, &d, 1000);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, bytes));
+  for (int a = 0; a < 3; a++) {
+    const double mean = log(number(y.stiffness[a])), sd = number(y.stiffness_sd[a]) / number(y.stiffness[a]);
+    expect_near(mean, q24(bytes + AT_MEAN + 12 + 4 * a), 2e-3, "mean", a);
+    if (a == TSE_CX_FRONT) expect_near(sd, q24(bytes + AT_SD + 12), 0.05 * sd, "sd", a);
+  }
+  TEST_ASSERT_TRUE(fabs(number(f.filter.k.x[LCX]) - log(number(y.stiffness[0]))) > 0.01);
 }
 
 /* A drive without excitation must not save its estimates as learnt. Values loaded before

@@ -71,6 +71,36 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   }
 }
 
+/* Rear wheels of twice the radius that turn half as fast: the same car, bit for bit. The
+ * torque of their slip has twice the arm. */
+static void test_each_axle_has_the_speed_of_its_own_wheels(void)
+{
+  enum { COUNTED = 300 };
+  static tse_real x[3][COUNTED], torque[2][COUNTED];
+  tse_config c = default_car();
+  tse_replay_start s = the_start();
+  const tse_replay_log log = the_log();
+  s.wheel_inertia_front = s.wheel_inertia_rear = TSE_R(0);
+  lively(&c, COUNTED);
+  replay_with(&c, &log, COUNTED, &s);
+  memcpy(x[0], got_vx, sizeof x[0]);
+  memcpy(x[1], got_vy, sizeof x[1]);
+  memcpy(x[2], got_yaw, sizeof x[2]);
+  memcpy(torque[0], got_tf, sizeof torque[0]);
+  memcpy(torque[1], got_tr, sizeof torque[1]);
+  c.wheel_radius_rear = 2 * c.wheel_radius_rear;
+  for (int i = 0; i < COUNTED; i++) log_rear[i] = r_mul(TSE_R(0.5), log_rear[i]);
+  replay_with(&c, &log, COUNTED, &s);
+  for (int i = 0; i < COUNTED; i++) {
+    const double near = BY_NUMBER(0, 0, 1e-4);
+    expect_near(number(x[0][i]), number(got_vx[i]), near, "vel_x", i);
+    expect_near(number(x[1][i]), number(got_vy[i]), near, "vel_y", i);
+    expect_near(number(x[2][i]), number(got_yaw[i]), near, "yaw rate", i);
+    expect_near(number(torque[0][i]), number(got_tf[i]), BY_NUMBER(1e-9, 1e-3, 1), "front", i);
+    expect_near(2 * number(torque[1][i]), number(got_tr[i]), BY_NUMBER(1e-9, 1e-3, 1), "rear", i);
+  }
+}
+
 /* test_simulate.c compares the simulator without effects with scipy. Here: effects that
  * are off have no influence. */
 static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(void)

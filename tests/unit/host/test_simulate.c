@@ -500,6 +500,23 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
   }
 }
 
+/* The true acceleration is that of the car, whatever the accelerometers make of it. */
+static void test_true_accelerations_have_no_errors_of_the_sensors(void)
+{
+  tse_sim_output y[2];
+  for (int k = 0; k < 2; k++) {
+    tse_config c = default_car();
+    c.imu_scale_ax_error = c.imu_scale_ay_error = setting(k ? 0.1 : 0);
+    start(c, quiet());
+    for (int row = 0; row < 50; row++) step(driver(0.01, 500, 0.02), &y[k]);
+  }
+  expect_near(number(y[0].accel_x), number(y[1].accel_x), BY_FORMAT(1e-9, 1e-4), "true accel_x", 0);
+  expect_near(number(y[0].accel_y), number(y[1].accel_y), BY_FORMAT(1e-9, 1e-4), "true accel_y", 0);
+  TEST_ASSERT_TRUE(number(y[0].accel_x) > 0.1 && number(y[0].accel_y) > 1);
+  expect_near(1.1 * number(y[0].row.accel_x), number(y[1].row.accel_x), BY_FORMAT(1e-9, 1e-4), "accel_x", 0);
+  expect_near(1.1 * number(y[0].row.accel_y), number(y[1].row.accel_y), BY_FORMAT(1e-9, 1e-4), "accel_y", 0);
+}
+
 /* A car that rolls straight responds to a step of the steering in the row that logs it,
  * not before. */
 static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)

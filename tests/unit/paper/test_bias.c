@@ -125,6 +125,31 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
   expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
 }
 
+/* A missing channel has no innovation: its low-passed innovation stays. */
+static void test_a_missing_channel_leaves_its_low_passed_innovation(void)
+{
+  tse_config c = settings();
+  c.forgetting_change = setting(0.8);
+  const tse_params p = prepared(c);
+  for (int missing = 0; missing < 3; missing++) {
+    sample y = { 0 };
+    tse_output now = { 0 };
+    know(0.05, 40);
+    y.dt = p.sample_time;
+    now.vel_x = y.u.v_front = y.u.v_rear = real(20);
+    for (int a = 0; a < 3; a++) {
+      filter.slow[a] = TSE_R(0.5);
+      now.stiffness[a] = TSE_R(1);
+      y.use[a] = a == missing ? TSE_R(0) : TSE_R(1);
+      y.y[a] = TSE_R(0);
+    }
+    paper_forget(&p, &filter, &y, &now);
+    for (int a = 0; a < 3; a++)
+      expect_near(a == missing ? 0.5 : 0.5 * (1 - 0.01 / 0.11), number(filter.slow[a]),
+          BY_FORMAT(1e-12, 1e-6), "low-passed innovation", a);
+  }
+}
+
 /* Persistent innovations of c sigma, filtered with gain g, become c (1 - (1 - g)^n).
  * White ones of variance one leave g/(2 - g). The factor decreases by 0.05 for each
  * multiple of that above 3, down to forgetting_change. */
