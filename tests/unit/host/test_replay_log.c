@@ -460,6 +460,8 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
     TEST_ASSERT_EQUAL_INT32(7, wrong);
     TEST_ASSERT_EQUAL_INT(TSE_E_TIME, tse_replay(&p, &log, 20, &s, &out, NULL));
   }
+  log_dt[7] = real(1); /* the limit */
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 20, &s, &out, NULL));
   log_dt[7] = real(0.01);
   tse_real *const arrays[3] = { log_steer, log_front, log_rear };
   static const double most[3] = { 1.2, 400, 400 };

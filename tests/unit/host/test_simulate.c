@@ -500,6 +500,29 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
   }
 }
 
+/* A slope acts from the row before it on, in which it begins to rise, to the row after
+ * it: as a ramp, with half of its gravity in each of the two steps. */
+static void test_a_slope_of_one_row_acts_in_the_steps_before_and_after_it(void)
+{
+  for (int bank = 0; bank < 2; bank++) {
+    double speed[2][3];
+    for (int slope = 0; slope < 2; slope++) {
+      tse_config c = default_car();
+      start(c, quiet());
+      for (int row = 0; row < 3; row++) {
+        tse_sim_input u = driver(0.01, 0, 0);
+        tse_sim_output y;
+        *(bank ? &u.bank : &u.grade) = real(slope && row == 1 ? -0.1 : 0);
+        step(u, &y);
+        speed[slope][row] = number(bank ? y.vel_y : y.vel_x);
+      }
+    }
+    const double half = 0.5 * 9.81 * sin(0.1) * 0.01;
+    expect_near(half, fabs(speed[1][1] - speed[0][1]), 0.15 * half, "before", bank);
+    expect_near(2 * half, fabs(speed[1][2] - speed[0][2]), 0.3 * half, "after", bank);
+  }
+}
+
 /* The true acceleration is that of the car, whatever the accelerometers make of it. */
 static void test_true_accelerations_have_no_errors_of_the_sensors(void)
 {
