@@ -523,18 +523,20 @@ static void test_a_slope_of_one_row_acts_in_the_steps_before_and_after_it(void)
   }
 }
 
-/* The true acceleration is that of the car, whatever the accelerometers make of it. */
-static void test_true_accelerations_have_no_errors_of_the_sensors(void)
+/* True accelerations and yaw rate are those of the car, whatever the IMU makes of them. */
+static void test_true_values_have_no_errors_of_the_sensors(void)
 {
   tse_sim_output y[2];
   for (int k = 0; k < 2; k++) {
     tse_config c = default_car();
-    c.imu_scale_ax_error = c.imu_scale_ay_error = setting(k ? 0.1 : 0);
+    c.imu_scale_ax_error = c.imu_scale_ay_error = c.gyro_scale_error = setting(k ? 0.1 : 0);
     start(c, quiet());
     for (int row = 0; row < 50; row++) step(driver(0.01, 500, 0.02), &y[k]);
   }
   expect_near(number(y[0].accel_x), number(y[1].accel_x), BY_FORMAT(1e-9, 1e-4), "true accel_x", 0);
   expect_near(number(y[0].accel_y), number(y[1].accel_y), BY_FORMAT(1e-9, 1e-4), "true accel_y", 0);
+  expect_near(number(y[0].yaw_rate), number(y[1].yaw_rate), BY_FORMAT(1e-9, 1e-4), "true yaw rate", 0);
+  TEST_ASSERT_TRUE(number(y[0].yaw_rate) > 0.05);
   TEST_ASSERT_TRUE(number(y[0].accel_x) > 0.1 && number(y[0].accel_y) > 1);
   expect_near(1.1 * number(y[0].row.accel_x), number(y[1].row.accel_x), BY_FORMAT(1e-9, 1e-4), "accel_x", 0);
   expect_near(1.1 * number(y[0].row.accel_y), number(y[1].row.accel_y), BY_FORMAT(1e-9, 1e-4), "accel_y", 0);
