@@ -333,8 +333,8 @@ static void test_wrong_inputs_and_settings_at_the_start_are_refused_by_name(void
   OK(fmi2ExitInitializationMode(c));
 }
 
-/* Each parameter is in its range, but together they are no formula: operation 255 does not
- * exist. */
+/* Each parameter is in its range, but together they are no formula: operation 255 does
+ * not exist. */
 static void test_parameters_that_do_not_fit_together_are_refused_by_name_at_the_start(void)
 {
   fmi2Component const c = instantiated();

@@ -523,7 +523,8 @@ static void test_a_slope_of_one_row_acts_in_the_steps_before_and_after_it(void)
   }
 }
 
-/* True accelerations and yaw rate are those of the car, whatever the IMU makes of them. */
+/* True accelerations and yaw rate are those of the car, whatever the IMU makes of
+ * them. */
 static void test_true_values_have_no_errors_of_the_sensors(void)
 {
   tse_sim_output y[2];
