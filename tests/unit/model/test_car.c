@@ -362,6 +362,112 @@ static void test_a_secant_is_force_over_slip(void)
   }
 }
 
+/* Return the force of a brush tyre, from the shear stress integrated over its contact. */
+static double brush(double rate, double slip, double limit)
+{
+  const double gone = 1 - fmin(1, fabs(rate * slip) / (3 * limit));
+  return copysign(limit * (1 - gone * gone * gone), slip);
+}
+
+/* Limit x to +-10 m/s2, as the acceleration that transfers load. */
+static double within_ten(double x) { return fmax(-10, fmin(10, x)); }
+
+/* The equations of car.h for loads and stiffness, in double, with constants that differ
+ * between the axles. The side force that transfers load is found by bisection. */
+static void test_each_axle_has_its_own_load_and_its_own_loss(void)
+{
+  static const struct {
+    double sf, sr, af, ar, side_front, side_rear;
+  } cases[] = { { 0.01, 0.02, 0.02, 0.02, 0.002, 0.004 }, { -0.03, -0.01, 0.03, 0.02, 0.001, 0.002 },
+    { 0.04, 0, -0.02, -0.03, 0.003, 0.001 }, { -0.3, -0.3, 0.05, 0.04, 0.001, 0.001 },
+    { 0, 0, 0.1, 0.1, 0.04, 0.004 }, { 0, 0.01, 0.1, 0.1, 0.004, 0.04 } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    tse_car c = plain_car();
+    tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
+    const double sf = cases[n].sf, sr = cases[n].sr, af = cases[n].af, ar = cases[n].ar;
+    c.grip = real(1.1), c.shape = TSE_R(0), c.compliance = TSE_R(0);
+    c.height_front = real(0.03), c.height_rear = real(0.05);
+    c.along_front = real(0.01), c.along_rear = real(0.02);
+    c.side_front = real(cases[n].side_front), c.side_rear = real(cases[n].side_rear);
+    x[SF] = real(sf), x[SR] = real(sr), x[AF] = real(af), x[AR] = real(ar);
+    x[LCX] = real(0.2), x[LCF] = real(-0.1), x[LCR] = real(0.15), x[LMU] = real(-0.2);
+    const double kxf = exp(0.2) * number(c.kx_front), kxr = exp(0.2) * number(c.kx_rear),
+                 drive = within_ten(kxf * sf + kxr * sr);
+    const double front = exp(-0.1) * number(c.ky_front) * (1 - 0.01 * drive),
+                 rear = exp(0.15) * number(c.ky_rear) * (1 + 0.02 * drive);
+    const double free = within_ten(front * af + rear * ar);
+    double low = 0, high = fabs(free);
+    for (int i = 0; i < 60; i++) {
+      const double b = 0.5 * (low + high);
+      const double left = 1 - 0.5 * (cases[n].side_front + cases[n].side_rear) * b * b;
+      *(b < fabs(free) * left ? &low : &high) = b;
+    }
+    const double square = low * high, load_front = 1 - 0.03 * drive, load_rear = 1 + 0.05 * drive;
+    const double end_front = 1.1 * exp(-0.2) * number(c.end_front) * load_front,
+                 end_rear = 1.1 * exp(-0.2) * number(c.end_rear) * load_rear;
+    const double along_front = brush(kxf * load_front, sf, end_front),
+                 along_rear = brush(kxr * load_rear, sr, end_rear);
+    const double across_front = brush(front * fmax(0.1, 1 - cases[n].side_front * square), af, end_front),
+                 across_rear = brush(rear * fmax(0.1, 1 - cases[n].side_rear * square), ar, end_rear);
+    const forces f = forces_at(&c, x, 0);
+    const double close = BY_NUMBER(1e-9, 1e-4, 1e-4);
+    expect_near(along_front + along_rear, number(f.x), close * 10, "along", n);
+    expect_near(across_front, number(f.side), close * 10, "across, front", n);
+    expect_near(across_front + across_rear, number(f.y), close * 10, "across", n);
+    expect_near(kxf * load_front * sf + kxr * load_rear * sr, number(f.endless_x), close * 100,
+        "along, of linear tyres", n);
+    tse_real share[3];
+    car_secants(&c, x, share);
+    if (sf != 0) expect_near(along_front / (kxf * sf), number(share[0]), close, "secant, along", n);
+  }
+}
+
+/* Rolling resistance and drag act against the motion, forwards and in reverse. Below 0.5
+ * m/s rolling resistance is proportional to the speed. */
+static void test_what_slows_a_car_slows_it_forwards_and_in_reverse(void)
+{
+  static const double speed[] = { -20, -3, -0.5, -0.25, 0, 0.1, 0.25, 0.5, 3, 20 };
+  for (int n = 0; n < ROWS(speed); n++) {
+    tse_car c = plain_car();
+    const double v = speed[n], rolling = fabs(v) < 0.5 ? 0.15 * v / 0.5 : copysign(0.15, v);
+    tse_real x[TSE_VALUES] = { [VX] = real(v) };
+    c.rolling = real(0.15), c.drag = real(0.0005);
+    const forces f = forces_at(&c, x, 0);
+    expect_near(
+        -rolling - copysign(0.0005 * v * v, v), number(f.x), BY_NUMBER(1e-12, 1e-6, 1e-7), "force", n);
+    expect_near(-2 * 0.0005 * fabs(v), number(f.by_x[VX]), BY_NUMBER(1e-12, 1e-6, 1e-7), "its slope", n);
+  }
+}
+
+/* The side force of the front axle turns its wheels back, by the compliance. */
+static void test_a_compliant_steering_gives_way_to_the_side_force(void)
+{
+  tse_car c = plain_car();
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20), [AF] = real(0.03) };
+  c.compliance = real(0.004);
+  const forces f = forces_at(&c, x, 0.05);
+  TEST_ASSERT_TRUE(number(f.side) > 1);
+  expect_near(sin(0.05 - 0.004 * number(f.side)), number(f.sin_d), BY_NUMBER(1e-12, 1e-6, 1e-7), "sine", 0);
+}
+
+/* Below 1 m/s the divisor of a slip angle is constant: the slip angle does not depend on
+ * the speed. */
+static void test_below_walking_pace_a_slip_angle_does_not_depend_on_the_speed(void)
+{
+  static const double speed[] = { 0.5, -0.5, -5, 5 };
+  for (int n = 0; n < ROWS(speed); n++) {
+    tse_car c = plain_car();
+    tse_short M[MOTION][PLACES];
+    tse_real x[TSE_VALUES] = { [VX] = real(speed[n]), [VY] = real(0.3) };
+    const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
+    c.ky_front = c.ky_rear = TSE_R(0), c.relaxation = real(0.1);
+    car_move(&c, x, u, M);
+    const double slope = number(r_long_scaled(M[AF][VX], ROW_UP));
+    if (speed[n] < 1) expect_near(0, slope, 0, "slope over the speed", n);
+    else TEST_ASSERT_TRUE(slope > 1e-3);
+  }
+}
+
 /* Left and right turns are mirror images: no term depends on the side. */
 static void test_left_is_the_mirror_of_right(void)
 {
@@ -620,6 +726,29 @@ static void test_sensors_read_what_textbooks_say(void)
       "accel_x, away from the centre of gravity", 0);
   expect_near(number(z[1]) + 0.5 * number(f.yaw) - 0.25 * 0.09, number(there[1]), 1e-4,
       "accel_y, away from the centre of gravity", 0);
+}
+
+/* A pitched IMU reads its share of gravity, of the pitch that follows the acceleration.
+ * The rear wheel turns faster while load shrinks it. */
+static void test_pitch_and_load_are_in_the_slopes_of_the_sensors(void)
+{
+  tse_car c = plain_car();
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20), [SR] = real(0.01) };
+  tse_real z[2][TSE_SENSORS], H[2][TSE_SENSORS][PLACES];
+  const forces f = forces_at(&c, x, 0.02);
+  car_measure(&c, x, &f, TSE_R(0), z[0], H[0]);
+  c.pitch_leak = real(0.25), c.height_front = real(0.04), c.height_rear = real(0.06);
+  car_measure(&c, x, &f, real(0.3), z[1], H[1]);
+  const double close = BY_NUMBER(1e-11, 1e-5, 1e-6);
+  expect_near(number(z[0][ACCEL_X]) + 0.3, number(z[1][ACCEL_X]), close, "accel_x", 0);
+  for (int j = 0; j < STATES; j++) {
+    if (j == BX) continue;
+    expect_near(1.25 * number(H[0][ACCEL_X][j]), number(H[1][ACCEL_X][j]),
+        close * (1 + fabs(number(H[0][ACCEL_X][j]))), "slope of accel_x", j);
+    expect_near(20 * 0.005 * 0.06 * number(f.by_x[j]),
+        number(H[1][WHEEL_REAR][j]) - number(H[0][WHEEL_REAR][j]), close * (1 + fabs(number(f.by_x[j]))),
+        "slope of the rear wheel", j);
+  }
 }
 
 /* Any car and state of this filter give finite results. */

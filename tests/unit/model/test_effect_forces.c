@@ -665,3 +665,251 @@ static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_t
   }
   TEST_ASSERT_TRUE(slid > 20 && gripped > 20);
 }
+
+/* ------------------------------------------------------------------------- integrator.c */
+
+/* A car of 20 m/s, or in reverse, in its steady state. Its wheels turn freely, or their
+ * speeds are inputs.
+ *   Updated:  m, at */
+static void roll(
+    const tse_params *p, double speed, double friction, int turning, tse_effect_memory *m, point *at)
+{
+  memset(m, 0, sizeof *m);
+  memset(at, 0, sizeof *at);
+  at->vx = at->u.v_front = at->u.v_rear = real(speed);
+  at->friction = real(friction);
+  at->w.turning = turning;
+  at->w.load[0] = real(60), at->w.load[1] = real(90);
+  at->w.still[0] = at->w.still[1] = real(0.06);
+  effects_settle(p, m, vehicle_stiffness(p, TSE_R(0), TSE_R(0), TSE_R(0)), at);
+}
+
+/* An effect is on, so that the given disturbances count. It is too weak to matter. */
+static tse_config with_effects(void)
+{
+  tse_config c = default_car();
+  c.steering_offset_angle = setting(1e-5);
+  return c;
+}
+
+/* All inputs change linearly within a row: two steps of one row are two rows of one step,
+ * with the mean of the inputs between them. */
+static void test_a_row_of_two_steps_is_two_rows_with_the_mean_of_the_inputs_between(void)
+{
+  for (int turning = 0; turning < 2; turning++) {
+    tse_config c = with_effects();
+    c.grade_angle = setting(0.01), c.bank_angle = setting(0.01);
+    const tse_params p = prepared(c);
+    const stiffness k = vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0));
+    tse_effect_memory m[2];
+    point at[2];
+    for (int halves = 0; halves < 2; halves++) {
+      roll(&p, 20, 0.9, turning, &m[halves], &at[halves]);
+      for (int n = halves ? 1 : 2; n <= 2; n++) {
+        const double share = 0.5 * n;
+        acting to;
+        memset(&to, 0, sizeof to);
+        to.w = at[halves].w;
+        to.u.steer = real(0.01 * share), to.u.v_front = real(20 + 0.1 * share);
+        to.u.v_rear = real(20 - 0.2 * share);
+        to.g.grade = real(0.03 * share), to.g.bank = real(-0.02 * share);
+        to.g.slip_front = real(0.01 * share), to.g.slip_rear = real(0.006 * share);
+        to.g.x = real(0.2 * share), to.g.y = real(0.3 * share), to.g.yaw = real(0.1 * share);
+        for (int a = 0; a < 2; a++)
+          to.w.drive[a] = real((3 - a) * share), to.w.brake[a] = real((2 + a) * share);
+        effects_advance(&p, &m[halves], k, &to, real(halves ? 0.005 : 0.01), halves ? 1 : 2, &at[halves]);
+      }
+    }
+    const double close = BY_NUMBER(1e-12, 1e-5, 1e-7);
+    expect_near(number(at[1].vx), number(at[0].vx), close, "vel_x", turning);
+    expect_near(number(at[1].vy), number(at[0].vy), close, "vel_y", turning);
+    expect_near(number(at[1].r), number(at[0].r), close, "yaw rate", turning);
+    expect_near(number(at[1].u.v_front), number(at[0].u.v_front), close, "front", turning);
+    expect_near(number(at[1].u.v_rear), number(at[0].u.v_rear), close, "rear", turning);
+  }
+}
+
+/* What the tyres give the car they take from the wheels: without brakes, v_x plus the sum
+ * of wheel speed / load changes by the sum of drive / load, for each axle its own load. */
+static void test_the_car_has_the_momentum_that_its_wheels_lose(void)
+{
+  for (int n = 0; n < 2; n++) {
+    tse_config c = default_car();
+    if (n) c.longitudinal_relaxation_length = setting(0.1);
+    const tse_params p = prepared(c);
+    tse_effect_memory m;
+    point at;
+    acting to;
+    roll(&p, 20, 0, 1, &m, &at);
+    memset(&to, 0, sizeof to);
+    to.w = at.w;
+    to.w.drive[0] = real(60), to.w.drive[1] = real(45);
+    for (int i = 0; i < 100; i++)
+      effects_advance(&p, &m, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &to, real(0.01), 5, &at);
+    const double momentum = number(at.vx) + number(at.u.v_front) / 60 + number(at.u.v_rear) / 90;
+    /* the drive rises from 0 within the first row */
+    expect_near(20 * (1 + 1.0 / 60 + 1.0 / 90) + (60 / 60.0 + 45 / 90.0) * (1 - 0.005), momentum,
+        BY_FORMAT(1e-4, 1e-3), "momentum", n);
+    TEST_ASSERT_TRUE(number(at.u.v_front) > number(at.vx) && number(at.u.v_rear) > number(at.vx));
+  }
+}
+
+/* A brake acts against the rotation of its wheel in both directions, from a light touch to
+ * a locked wheel. */
+static void test_a_brake_in_reverse_is_the_mirror_of_a_brake_forwards(void)
+{
+  static const double brake[] = { 0, 2, 40, 300, 3000 }, speed[] = { 12, 0.5, 0.05 };
+  for (int n = 0; n < 2 * ROWS(brake) * ROWS(speed); n++) {
+    const tse_params p = prepared(default_car());
+    tse_effect_memory m[2];
+    point at[2];
+    for (int back = 0; back < 2; back++) {
+      acting to;
+      const double v = speed[n / 2 % ROWS(speed)], b = brake[n / 2 / ROWS(speed)];
+      roll(&p, back ? -v : v, n % 2 ? 0.8 : 0, 1, &m[back], &at[back]);
+      memset(&to, 0, sizeof to);
+      to.w = at[back].w;
+      to.w.brake[0] = real(b), to.w.brake[1] = real(0.5 * b);
+      for (int i = 0; i < 10; i++)
+        effects_advance(
+            &p, &m[back], vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &to, real(0.01), 1, &at[back]);
+    }
+    expect_near(-number(at[0].vx), number(at[1].vx), BY_NUMBER(1e-12, 1e-5, 1e-6), "vel_x", n);
+    expect_near(-number(at[0].u.v_front), number(at[1].u.v_front), BY_NUMBER(1e-11, 1e-4, 1e-5), "front", n);
+    expect_near(-number(at[0].u.v_rear), number(at[1].u.v_rear), BY_NUMBER(1e-11, 1e-4, 1e-5), "rear", n);
+    if (n % 2) TEST_ASSERT_TRUE(number(at[0].vx) >= -1e-6 && number(at[0].vx) <= number(real(12)));
+  }
+}
+
+/* A brake does not move a wheel that stands. */
+static void test_a_brake_holds_a_car_that_stands(void)
+{
+  for (int n = 0; n < 2; n++) {
+    const tse_params p = prepared(default_car());
+    tse_effect_memory m;
+    point at;
+    acting to;
+    roll(&p, 0, n ? 0.8 : 0, 1, &m, &at);
+    memset(&to, 0, sizeof to);
+    to.w = at.w;
+    to.w.brake[0] = real(100), to.w.brake[1] = real(60);
+    for (int i = 0; i < 10; i++)
+      effects_advance(&p, &m, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &to, real(0.01), 1, &at);
+    expect_near(0, number(at.vx), 0, "car", n);
+    expect_near(0, number(at.u.v_front), 0, "front", n);
+    expect_near(0, number(at.u.v_rear), 0, "rear", n);
+  }
+}
+
+/* At rest the lagged slips are the slips of their axle, and the modes are the
+ * accelerations that excite them, whatever the memory was. A lag of slip has the rate of
+ * its own axle, v/length with the v of the slip. */
+static void test_a_settled_memory_is_in_steady_state(void)
+{
+  tse_config c = default_car();
+  c.relaxation_length = setting(0.4), c.longitudinal_relaxation_length = setting(0.2);
+  c.body_roll_gain = setting(0.006), c.body_roll_frequency = setting(1.5);
+  c.rear_roll_steer_gain = setting(0.02), c.pitch_leak_gain = setting(0.02);
+  const tse_params p = prepared(c);
+  tse_effect_memory m;
+  point at;
+  memset(&m, 0, sizeof m);
+  memset(&at, 0, sizeof at);
+  for (int i = 0; i < 3; i++) m.mode[i][0] = real(3), m.mode[i][1] = real(5);
+  for (int i = 0; i < 4; i++) m.lag[i] = real(0.3);
+  at.vx = real(20), at.r = real(0.2), at.vy = real(-0.3);
+  at.u.steer = real(0.03), at.u.v_front = real(20.25), at.u.v_rear = real(22);
+  effects_settle(&p, &m, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &at);
+  const double close = BY_NUMBER(1e-6, 1e-4, 1e-4);
+  expect_near(number(at.s.s_front), number(m.lag[2]), 1e-6, "slip, front", 0);
+  expect_near(number(at.s.s_rear), number(m.lag[3]), 1e-6, "slip, rear", 0);
+  expect_near(0.25 / 20.25, number(m.lag[2]), 1e-6, "slip of the front wheels", 0);
+  expect_near(2 / 22.0, number(m.lag[3]), 1e-6, "slip of the rear wheels", 0);
+  expect_near(20.25 / 0.2, number(at.rate[2]), 1e-3, "rate, front", 0);
+  expect_near(22 / 0.2, number(at.rate[3]), 1e-3, "rate, rear", 0);
+  for (int i = 0; i < 3; i++) expect_near(0, number(m.mode[i][1]), 0, "the modes stand still", i);
+  expect_near(number(at.force.y), number(m.mode[MODE_ROLL][0]), 0.03, "roll, which steers the rear axle", 0);
+  expect_near(number(at.force.x), number(m.mode[MODE_PITCH][0]), close, "pitch", 0);
+  TEST_ASSERT_EQUAL_INT32(1, m.settled);
+}
+
+/* After a row the point is the one at the state and memory of its end. */
+static void test_after_a_row_the_point_belongs_to_its_memory(void)
+{
+  for (int n = 0; n < 2; n++) {
+    tse_config c = default_car();
+    c.rear_roll_steer_gain = setting(n ? 0 : 0.5);
+    if (n) {
+      c.formula_code_1 = 21 | 1 << 8 | 34 << 16; /* accel_y a mul */
+      c.formula_a = setting(0.05), c.formula_gain = setting(1), c.formula_place = 1;
+    }
+    const tse_params p = prepared(c);
+    const stiffness k = vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0));
+    tse_effect_memory m;
+    point at;
+    acting to;
+    roll(&p, 20, 0, 0, &m, &at);
+    memset(&to, 0, sizeof to);
+    to.u.steer = real(0.04), to.u.v_front = to.u.v_rear = real(20);
+    effects_advance(&p, &m, k, &to, real(0.02), 2, &at);
+    point again = at;
+    TEST_ASSERT_EQUAL_INT(1, at.ahead == TSE_R(0));
+    effects_at(&p, &m, m.lag, k, &again);
+    expect_near(number(again.force.y), number(at.force.y), 0, "across", n);
+    expect_near(number(again.force.yaw), number(at.force.yaw), 0, "yaw", n);
+    TEST_ASSERT_TRUE(number(at.force.y) > 0.1);
+  }
+}
+
+/* A relaxation length of a millimetre is as none, also for inputs and disturbances that
+ * change within a row, and for wheels that turn freely. */
+static void test_a_relaxation_of_hardly_any_length_changes_nothing(void)
+{
+  for (int turning = 0; turning < 2; turning++) {
+    tse_effect_memory m[2];
+    point at[2];
+    for (int lags = 0; lags < 2; lags++) {
+      tse_config c = with_effects();
+      if (lags) c.relaxation_length = c.longitudinal_relaxation_length = setting(0.001);
+      const tse_params p = prepared(c);
+      roll(&p, 20, 0, turning, &m[lags], &at[lags]);
+      for (int i = 1; i <= 60; i++) {
+        acting to;
+        const double t = 0.01 * i;
+        memset(&to, 0, sizeof to);
+        to.w = at[lags].w;
+        to.u.steer = real(0.02 * sin(3 * t)), to.u.v_front = real(20 + t), to.u.v_rear = real(20 + 0.5 * t);
+        to.g.slip_front = real(0.02 * sin(5 * t)), to.g.slip_rear = real(0.03 * sin(4 * t));
+        to.w.drive[0] = real(200 * t), to.w.drive[1] = real(100 * t);
+        effects_advance(
+            &p, &m[lags], vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &to, real(0.01), 1, &at[lags]);
+      }
+    }
+    expect_near(number(at[0].vx), number(at[1].vx), BY_FORMAT(1e-2, 1e-2), "vel_x", turning);
+    expect_near(number(at[0].vy), number(at[1].vy), BY_FORMAT(1e-2, 1e-2), "vel_y", turning);
+    expect_near(number(at[0].r), number(at[1].r), BY_FORMAT(1e-2, 1e-2), "yaw rate", turning);
+    expect_near(number(at[0].force.y), number(at[1].force.y), 10 * BY_FORMAT(1e-2, 1e-2), "accel_y", turning);
+    expect_near(number(at[0].force.x), number(at[1].force.x), 10 * BY_FORMAT(1e-2, 1e-2), "accel_x", turning);
+    expect_near(number(at[0].force.yaw), number(at[1].force.yaw), 10 * BY_FORMAT(1e-2, 1e-2), "yaw", turning);
+  }
+}
+
+/* However many rows a delay has, the stored samples span it: a line in time is delayed
+ * exactly. */
+static void test_stored_samples_always_span_the_delay(void)
+{
+  static const double dt[] = { 0.1 / 8.9, 0.1 / 9.1, 0.1 / 10.5, 0.1 / 11, 0.1 / 30, 0.03 };
+  for (int n = 0; n < ROWS(dt); n++) {
+    tse_delay d;
+    tse_real was[1][TSE_DELAY_ROWS];
+    memset(&d, 0, sizeof d);
+    memset(was, 0, sizeof was);
+    for (int i = 0; i < 150; i++) {
+      const tse_real value = real(0.5 * dt[n] * i);
+      effects_delay_put(&d, was, real(0.1), i ? real(dt[n]) : real(0), &value, 1);
+      if (dt[n] * i < 0.15) continue;
+      expect_near(0.5 * (dt[n] * i - 0.1), number(effects_delay_get(&d, was[0], real(0.1))),
+          BY_NUMBER(1e-12, 1e-6, 1e-7), "delayed", 1000 * n + i);
+    }
+  }
+}

@@ -341,6 +341,120 @@ static void test_at_rest_a_memory_holds_what_is(void)
   }
 }
 
+/* A point after a step of 10 ms, whose memory holds these numbers. */
+static point a_point(const tse_params *p, tse_effect_memory *m, double a, double b, double c)
+{
+  point at;
+  memset(&at, 0, sizeof at);
+  memset(m, 0, sizeof *m);
+  at.p = p, at.m = m, at.ahead = real(0.01);
+  for (int k = 0; k < 2; k++)
+    m->formula[k][0] = real(a), m->formula[k][1] = real(b), m->formula[k][2] = real(c);
+  return at;
+}
+
+/* At rest an operation forgets what it remembers. */
+static void test_at_rest_what_was_is_forgotten(void)
+{
+  const tse_params p = prepared(default_car());
+  tse_effect_memory m, next;
+  const point at = a_point(&p, &m, 0.7, 0.8, 0.9);
+  formula_run f = { &at, &next, 1, 0 };
+  memset(&next, 0, sizeof next);
+  next.formula_late.count = 5;
+  expect_near(0.3, number(formula_second(&f, real(0.3), real(1), real(0.5))), 1e-7, "second", 0);
+  expect_near(0, number(next.formula[0][1]), 0, "its rate", 0);
+  f.used = 1;
+  expect_near(0, number(formula_rate(&f, real(0.3))), 0, "rate", 0);
+  expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
+  TEST_ASSERT_EQUAL_INT32(1, next.formula_late.count);
+}
+
+/* Between two steps the rate is the one of the last step. */
+static void test_without_time_a_rate_stays(void)
+{
+  const tse_params p = prepared(default_car());
+  tse_effect_memory m;
+  point at = a_point(&p, &m, 0.7, 0.3, 0);
+  formula_run f = { &at, NULL, 0, 0 };
+  at.ahead = TSE_R(0);
+  expect_near(0.7, number(formula_rate(&f, real(0.3))), 1e-7, "rate", 0);
+}
+
+/* A width or a rate limit has no sign. A negative frequency, damping or time is 0. */
+static void test_a_negative_number_where_none_can_be_is_its_magnitude_or_nothing(void)
+{
+  const tse_params p = prepared(default_car());
+  tse_effect_memory m;
+  const point at = a_point(&p, &m, 0.2, 0.1, 0.3);
+  for (int sign = -1; sign <= 1; sign += 2) {
+    formula_run f = { &at, NULL, 0, 0 };
+    expect_near(0.9, number(formula_play(&f, real(1), real(sign * 0.1))), 1e-6, "play", sign);
+    expect_near(0.25, number(formula_limit(&f, real(1), real(sign * 5))), 1e-6, "limit", sign);
+  }
+  static const double pairs[3][2] = { { 1, -0.5 }, { -2, 0.5 }, { -2, -0.5 } };
+  for (int n = 0; n < 3; n++) {
+    formula_run f = { &at, NULL, 0, 0 }, g = f;
+    const double frequency = pairs[n][0], damping = pairs[n][1];
+    expect_near(number(formula_second(&g, real(1), real(fmax(frequency, 0)), real(fmax(damping, 0)))),
+        number(formula_second(&f, real(1), real(frequency), real(damping))), 0, "second", n);
+  }
+  m.formula_late.count = 2, m.formula_late.age[1] = real(0.01);
+  m.formula_was[0][0] = real(0.5), m.formula_was[0][1] = real(0.4);
+  formula_run f = { &at, NULL, 0, 0 };
+  expect_near(1, number(formula_late(&f, real(1), real(-0.005))), 1e-7, "late", 0);
+}
+
+/* Each operation of a formula has its own memory, also between the stages of a step. */
+static void test_two_memories_of_a_formula_do_not_mix(void)
+{
+  tse_config c = default_car();
+  PROGRAM(&c, 0, STEER, NUMBER_A, PLAY, VEL_X, NUMBER_A, PLAY, ADD);
+  c.formula_a = setting(0.5);
+  const tse_params p = prepared(c);
+  tse_effect_memory m;
+  point at = a_point(&p, &m, 0, 0, 0);
+  m.formula[0][0] = real(0.25), m.formula[1][0] = real(9.75);
+  at.u.steer = real(0), at.vx = real(10);
+  expect_near(0.25 + 9.75, number(formula_at(&at)), 1e-5, "both inside their play", 0);
+}
+
+/* The formula sees slip angles without its own part, of the axle that it names, and the
+ * accelerations of the last step. */
+static void test_a_signal_is_that_of_its_name(void)
+{
+  tse_config c = default_car();
+  PROGRAM(&c, 0, ANGLE_FRONT + 1);
+  const tse_params p = prepared(c);
+  tse_effect_memory m;
+  point at = a_point(&p, &m, 0, 0, 0);
+  at.s.a_front = real(0.01), at.s.a_rear = real(0.03);
+  formula_slip(&at);
+  expect_near(0.04, number(at.s.a_front), 1e-7, "front, with the slip angle of the rear", 0);
+  expect_near(0.03, number(at.s.a_rear), 1e-7, "rear", 0);
+  at.force.x = real(1.5), at.force.y = real(-2.5);
+  formula_remember(&m, &at, 0);
+  expect_near(1.5, number(m.formula_accel[0]), 0, "accel_x", 0);
+  expect_near(-2.5, number(m.formula_accel[1]), 0, "accel_y", 0);
+}
+
+/* However large its value, a formula leaves 2 % of a stiffness. */
+static void test_a_stiffness_stays_positive(void)
+{
+  for (int place = 5; place < 7; place++) {
+    tse_config c = default_car();
+    PROGRAM(&c, place, NUMBER_A);
+    c.formula_a = setting(-3);
+    const tse_params p = prepared(c);
+    tse_effect_memory m;
+    point at = a_point(&p, &m, 0, 0, 0);
+    at.k.y_front = at.k.y_rear = real(50);
+    formula_stiffness(&at);
+    expect_near(place == 5 ? 1 : 50, number(at.k.y_front), 1e-5, "front", place);
+    expect_near(place == 5 ? 50 : 1, number(at.k.y_rear), 1e-5, "rear", place);
+  }
+}
+
 static void test_what_is_no_number_is_nothing(void)
 {
   tse_config c = default_car();

@@ -536,3 +536,47 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
     TEST_ASSERT_TRUE(left.y != TSE_R(0));
   }
 }
+
+/* ------------------------------------------------------------------------- limits, steps, inputs */
+
+/* The limits of a particle act on both signs, and what is nearly 0 becomes 0. */
+static void test_a_motion_is_limited_to_both_sides_and_a_tiny_one_is_none(void)
+{
+  static const double at[][2] = { { 300, 200 }, { -300, -200 }, { 150, 150 }, { -150, -150 }, { 1e-6, 1e-6 },
+    { -1e-6, -1e-6 }, { 1e-13, 0 }, { -1e-13, 0 } };
+  for (int n = 0; n < ROWS(at); n++)
+    expect_near(number(real(at[n][1])), number(vehicle_limit(real(at[n][0]), MAX_SPEED)), 0, "limited", n);
+}
+
+/* A step is a quarter of the time constant of the tyres, speed/damping, where the speed is
+ * the mean of both wheels before and after the row; at most max_step, and at least
+ * least_step. A row that is a whole number of steps has this number. */
+static void test_the_steps_of_a_row_follow_the_time_constant_of_the_tyres(void)
+{
+  static const struct {
+    double from[2], to[2];
+    int steps;
+  } cases[] = { { { 32, 32 }, { 32, 32 }, 4 }, { { 8, 8 }, { 8, 8 }, 8 }, { { -8, -8 }, { -8, -8 }, 8 },
+    { { 0.5, 0.5 }, { 0.5, 0.5 }, 32 }, { { 0, 0 }, { 0, 0 }, 32 }, { { 0, 0 }, { 16, 16 }, 8 },
+    { { 16, 16 }, { 0, 0 }, 8 }, { { 8, 8 }, { 4, 4 }, 11 }, { { 6, 10 }, { 8, 8 }, 8 },
+    { { 8, 8 }, { 0, 16 }, 8 } };
+  tse_params p = car(0);
+  p.max_step = real(1.0 / 64), p.least_step = real(1.0 / 512), p.damping = real(1024);
+  for (int n = 0; n < ROWS(cases); n++) {
+    const double from[3] = { 0, cases[n].from[0], cases[n].from[1] },
+                 to[3] = { 0, cases[n].to[0], cases[n].to[1] };
+    const int32_t steps = vehicle_steps(&p, real(1.0 / 16), inputs_from(from), inputs_from(to));
+    expect_near(cases[n].steps, steps, 0, "steps", n);
+  }
+}
+
+static void test_inputs_change_evenly_within_a_row(void)
+{
+  const double from[3] = { 0.25, 10, 30 }, to[3] = { -0.25, 14, 20 };
+  for (int k = 0; k <= 4; k++) {
+    const inputs u = vehicle_between(inputs_from(from), inputs_from(to), k, 4);
+    expect_near(0.25 - 0.125 * k, number(u.steer), 1e-6, "steer", k);
+    expect_near(10 + k, number(u.v_front), 1e-6, "front", k);
+    expect_near(30 - 2.5 * k, number(u.v_rear), 1e-6, "rear", k);
+  }
+}
