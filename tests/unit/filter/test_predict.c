@@ -346,3 +346,142 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
   }
 }
 #endif
+
+/* A steering without lag has the logged angle at both ends of a row. With lags in series,
+ * the angle of a step at the first row is the response of a cascade, integrated here in
+ * steps of 1/500 of a row. The input of each lag changes linearly within a row. */
+static void test_the_wheels_have_the_logged_angle_after_the_lags_of_the_steering(void)
+{
+  static const double lag[][2] = { { 0, 0 }, { 0.1, 0 }, { 0.1, 0.04 } };
+  for (int n = 0; n < ROWS(lag); n++) {
+    static tse_kalman k;
+    uint32_t seed = 4;
+    tse_params p = a_car();
+    double y[3] = { 0, 0, 0 };
+    in_a_turn(&p, &k, &seed);
+    p.steer_lag = real(lag[n][0]), p.steer_lag_second = real(lag[n][1]);
+    k.steer[0] = k.steer[1] = k.steer[2] = TSE_R(0);
+    for (int row = 0; row < 8; row++) {
+      const double to = row < 4 ? 0.02 * (row + 1) : 0.08, from = row < 5 ? 0.02 * row : 0.08, was = y[2];
+      const decoded z = a_row(0.01, to);
+      k.x[VX] = TSE_R(20);
+      const steering u = predict_row(&p, &k, &z);
+      const double middle = y[1];
+      y[0] = to;
+      for (int pass = 1; pass <= 2; pass++) { /* the input of a lag changes linearly in the row */
+        const double start = pass == 1 ? from : middle, end = y[pass - 1], time = lag[n][pass - 1];
+        for (int i = 0; i < 500 && time > 0; i++) {
+          const double h = 0.01 / 500;
+          y[pass] += h / (time + 0.5 * h) * (start + (end - start) * (i + 0.5) / 500 - y[pass]);
+        }
+        if (!(time > 0)) y[pass] = end;
+      }
+      expect_near(was, number(u.from), 1e-5, "from", row);
+      expect_near(y[2], number(u.to), 1e-5, "to", row);
+      for (int i = 0; i < 3; i++) expect_near(y[i], number(k.steer[i]), 1e-5, "after so many lags", i);
+    }
+  }
+}
+
+/* A row that does not show the slip: the force that accel_x measures, plus what drag and
+ * rolling resistance take, over the stiffness of the axles that it acts at. It acts at the
+ * driven axle, and at both if the car brakes or the driven axle is unknown. The slip
+ * approaches it with the time constant 0.1 s, and keeps within max_slip. */
+static void test_without_a_second_speed_the_slip_is_that_of_the_force(void)
+{
+  static const struct {
+    double accel;
+    int use, driven, rolls, axles; /* axles: bit 0 front, bit 1 rear */
+  } cases[] = { { 2, 1, 0, ROLLS_UNKNOWN, 3 }, { 2, 1, 1, ROLLS_UNKNOWN, 1 }, { 2, 1, 2, ROLLS_UNKNOWN, 2 },
+    { -3, 1, 1, ROLLS_UNKNOWN, 3 }, { -3, 1, 2, ROLLS_UNKNOWN, 3 }, { 2, 1, 2, ROLLS_REAR, 1 },
+    { 2, 1, 1, ROLLS_FRONT, 2 }, { 2, 1, 1, ROLLS_NONE, 3 }, { 2, 0, 1, ROLLS_UNKNOWN, 1 },
+    { 9, 1, 1, ROLLS_UNKNOWN, 1 }, { -30, 1, 0, ROLLS_UNKNOWN, 3 }, { 30, 1, 1, ROLLS_UNKNOWN, 1 } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    uint32_t seed = 5;
+    tse_params p = a_car();
+    decoded z = a_row(0.025, 0.02);
+    in_a_turn(&p, &k, &seed);
+    p.car.driven = cases[n].driven, p.car.drag = real(0.0005), p.car.rolling = real(0.125);
+    p.car.scale_x = real(1.25), p.max_slip = real(0.03);
+    k.x[SF] = real(0.004), k.x[SR] = real(-0.002), k.x[LCX] = real(0.25);
+    z.no_second = 1, z.rolls = cases[n].rolls, z.use[ACCEL_X] = cases[n].use,
+    z.z[ACCEL_X] = real(cases[n].accel);
+    (void)predict_row(&p, &k, &z);
+    const double all = cases[n].accel / 1.25 + 0.0005 * 400 + 0.125,
+                 force = cases[n].use ? fmax(-10, fmin(10, all)) : 0;
+    const double steep = exp(0.25)
+        * ((cases[n].axles & 1 ? number(p.car.kx_front) : 0)
+            + (cases[n].axles & 2 ? number(p.car.kx_rear) : 0));
+    const double slip = fmax(-0.03, fmin(0.03, force / steep));
+    const double front = cases[n].axles & 1 ? slip : 0, rear = cases[n].axles & 2 ? slip : 0;
+    expect_near(0.004 + 0.2 * (front - 0.004), number(k.x[SF]), BY_NUMBER(1e-12, 1e-7, 1e-7), "front", n);
+    expect_near(-0.002 + 0.2 * (rear + 0.002), number(k.x[SR]), BY_NUMBER(1e-12, 1e-7, 1e-7), "rear", n);
+  }
+}
+
+/* Each sensor bias wanders with its own rate: variance of a random walk, rate^2 t. A change
+ * has an age; without a change there is none, and an age has a limit. */
+static void test_each_bias_wanders_by_itself_and_only_a_change_has_an_age(void)
+{
+  static tse_kalman k;
+  tse_params p = a_car();
+  uint32_t seed = 6;
+  in_a_turn(&p, &k, &seed);
+  const tse_kalman before = k;
+  for (int i = 0; i < 3; i++) p.bias_sd_walk[i] = real((i + 1) * number(state_unit[bias_at(i)]));
+  for (int n = 0; n < 4 * TSE_SLOW; n++) {
+    predict_slow_states(&p, &k, real(0.01));
+    for (int i = 0; i < TSE_SLOW; i++)
+      TEST_ASSERT_TRUE(number(k.since_slow[i]) < 0.01 * TSE_SLOW + 1e-6); /* each has its turn */
+  }
+  for (int i = HAS_SLIP ? 0 : 1; i < 3; i++) {
+    const double since = 0.01 * 4 * TSE_SLOW - number(k.since_slow[bias_at(i) - PLACED]);
+    expect_near((i + 1) * (i + 1) * since,
+        number(ud_variance(&k.ud, bias_at(i))) - number(ud_variance(&before.ud, bias_at(i))),
+        BY_NUMBER(1e-9, 1e-3, 1e-4), "variance", i);
+  }
+  expect_near(0, number(k.change_age), 0, "no age", 0);
+  k.change_kind = TSE_CHANGE_ROAD, k.change_age = real(3);
+  predict_slow_states(&p, &k, real(0.25));
+  expect_near(3.25, number(k.change_age), 1e-6, "age", 0);
+  k.change_age = MAX_TIME;
+  predict_slow_states(&p, &k, real(0.25));
+  expect_near(number(MAX_TIME), number(k.change_age), 0, "limited", 0);
+}
+
+/* No state of the motion leaves its range to either side. */
+static void test_the_motion_keeps_within_its_range_to_both_sides(void)
+{
+  for (int sign = -1; sign <= 1; sign += 2) {
+    static tse_kalman k;
+    const tse_params p = a_car();
+    const decoded z = a_row(0.01, 0.02);
+    memset(&k, 0, sizeof k);
+    k.x[VX] = real(sign * 210), k.x[VY] = real(sign * 70);
+    (void)predict_row(&p, &k, &z);
+    expect_near(sign * 200, number(k.x[VX]), 0, "speed", sign);
+    TEST_ASSERT_TRUE(fabs(number(k.x[VY])) <= 60);
+  }
+}
+
+/* Without a second speed the speed wanders as much as accel_x may be wrong: by the sds of
+ * gravity along the road and of its bias, and a constant. */
+static void test_without_a_second_speed_the_speed_is_as_unsure_as_the_acceleration(void)
+{
+  double more[3];
+  for (int n = 0; n < 3; n++) {
+    static tse_kalman k;
+    uint32_t seed = 7;
+    tse_params p = a_car();
+    decoded z = a_row(0.01, 0.02);
+    in_a_turn(&p, &k, &seed);
+    p.prior_sd[GX] = real(n == 1 ? 0.5 : 0), p.prior_sd[BX] = real(n == 2 ? 0.5 : 0);
+    z.no_second = 1;
+    (void)predict_row(&p, &k, &z);
+    more[n] = number(ud_variance(&k.ud, VX)) * pow(number(state_unit[VX]), 2) / 0.01;
+  }
+  const double least = number(MIN_ACTIVITY), expected = pow(0.5 + least, 2) - pow(least, 2);
+  expect_near(expected, more[1] - more[0], BY_NUMBER(1e-9, 2e-3, 2e-4), "gravity", 0);
+  expect_near(expected, more[2] - more[0], BY_NUMBER(1e-9, 2e-3, 2e-4), "bias", 0);
+}

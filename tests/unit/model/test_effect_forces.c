@@ -902,12 +902,12 @@ static void test_a_relaxation_of_hardly_any_length_changes_nothing(void)
             &p, &m[lags], vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)), &to, real(0.01), 1, &at[lags]);
       }
     }
-    expect_near(number(at[0].vx), number(at[1].vx), BY_FORMAT(1e-2, 1e-2), "vel_x", turning);
-    expect_near(number(at[0].vy), number(at[1].vy), BY_FORMAT(1e-2, 1e-2), "vel_y", turning);
-    expect_near(number(at[0].r), number(at[1].r), BY_FORMAT(1e-2, 1e-2), "yaw rate", turning);
-    expect_near(number(at[0].force.y), number(at[1].force.y), 10 * BY_FORMAT(1e-2, 1e-2), "accel_y", turning);
-    expect_near(number(at[0].force.x), number(at[1].force.x), 10 * BY_FORMAT(1e-2, 1e-2), "accel_x", turning);
-    expect_near(number(at[0].force.yaw), number(at[1].force.yaw), 10 * BY_FORMAT(1e-2, 1e-2), "yaw", turning);
+    expect_near(number(at[0].vx), number(at[1].vx), BY_FORMAT(1e-3, 2e-3), "vel_x", turning);
+    expect_near(number(at[0].vy), number(at[1].vy), BY_FORMAT(1e-3, 2e-3), "vel_y", turning);
+    expect_near(number(at[0].r), number(at[1].r), BY_FORMAT(1e-3, 2e-3), "yaw rate", turning);
+    expect_near(number(at[0].force.y), number(at[1].force.y), 10 * BY_FORMAT(1e-3, 2e-3), "accel_y", turning);
+    expect_near(number(at[0].force.x), number(at[1].force.x), 10 * BY_FORMAT(1e-3, 2e-3), "accel_x", turning);
+    expect_near(number(at[0].force.yaw), number(at[1].force.yaw), 10 * BY_FORMAT(1e-3, 2e-3), "yaw", turning);
   }
 }
 
