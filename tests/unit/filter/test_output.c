@@ -191,3 +191,173 @@ static void test_without_a_mass_no_stiffness_is_valid_and_the_parameters_are_the
     TEST_ASSERT_GREATER_THAN_INT(form ? 1000 : 6000, rows[TSE_VALID]);
   }
 }
+
+/* A filter that has seen enough of a car that drives steadily: all its estimates are
+ * valid.
+ *   Returned:  its parameters */
+static tse_params steady_filter(tse_kalman *k, row_class *w)
+{
+  tse_config c = config_by(tse_config_exact);
+  c.driven_axle = 1, c.grip_sd = setting(0.1);
+  memset(k, 0, sizeof *k);
+  memset(w, 0, sizeof *w);
+  k->seen = real(100), k->none[0] = k->none[1] = TSE_R(1), k->x[VX] = real(20);
+  return prepared(c);
+}
+
+/* Each reason for which no estimate is valid, alone, and the order in which they count. */
+static void test_every_reason_alone_makes_an_estimate_not_valid_and_the_first_counts(void)
+{
+  enum { APART, SCALE, PREDICTED, SPARSE, HELD, STARTING, FAULT, SLIDING, LATERAL, ALONG, ALL_CAUSES };
+  static const int expected[ALL_CAUSES] = { TSE_IMPLAUSIBLE, TSE_IMPLAUSIBLE, TSE_INPUT_INVALID,
+    TSE_INPUT_INVALID, TSE_HELD, TSE_STARTING, TSE_SENSOR_FAULT, TSE_HELD, TSE_MISFIT, TSE_MISFIT };
+  for (int n = -1; n < 2 * ALL_CAUSES; n++) {
+    static tse_kalman k;
+    row_class w;
+    tse_output y = blank_output();
+    const tse_params p = steady_filter(&k, &w);
+    const int first = n < 0 ? ALL_CAUSES : n % ALL_CAUSES, last = n < ALL_CAUSES ? first : ALL_CAUSES - 1;
+    for (int cause = first; cause <= last && cause < ALL_CAUSES; cause++) {
+      if (cause == APART) k.agreement.apart = 1;
+      if (cause == SCALE) k.agreement.off_scale = 1;
+      if (cause == PREDICTED) w.predicted = 1;
+      if (cause == SPARSE) w.sparse = 1;
+      if (cause == HELD) w.held = 1;
+      if (cause == STARTING) k.seen = real(1);
+      if (cause == FAULT) k.fault = fault_of(ACCEL_Y);
+      if (cause == SLIDING) k.x[SR] = real(-2 * number(p.max_slip));
+      if (cause == LATERAL) k.none[0] = real(0.9);
+      if (cause == ALONG) k.none[1] = real(0.9);
+    }
+    report_row(&p, &k, &y);
+    judge_row(&p, &k, &w, &y);
+    const int reason = first < ALL_CAUSES ? expected[first] : TSE_VALID;
+    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) expect_near(reason, y.reason[a], 0, "reason", 100 * n + a);
+    expect_near(reason, y.grip_reason, 0, "reason, grip", n);
+  }
+}
+
+/* A grip that is a setting is not estimated. */
+static void test_a_grip_that_is_a_setting_is_not_an_estimate(void)
+{
+  static tse_kalman k;
+  row_class w;
+  tse_output y = blank_output();
+  tse_params p = steady_filter(&k, &w);
+  p.prior_sd[LMU] = TSE_R(0);
+  report_row(&p, &k, &y);
+  judge_row(&p, &k, &w, &y);
+  TEST_ASSERT_EQUAL_INT(TSE_NOT_EXCITED, y.grip_reason);
+  w.held = 1;
+  judge_row(&p, &k, &w, &y);
+  TEST_ASSERT_EQUAL_INT(TSE_HELD, y.grip_reason);
+}
+
+/* The slip shows the stiffness along only if the speed of the car is known: from an axle
+ * that rolls freely, or from accel_x on roads without grade. */
+static void test_the_stiffness_along_needs_two_speeds_and_that_of_the_car(void)
+{
+  static const struct {
+    int driven, rolls, flat, no_second, valid;
+  } cases[] = { { 1, ROLLS_UNKNOWN, 0, 0, 1 }, { 0, ROLLS_UNKNOWN, 0, 0, 0 }, { 0, ROLLS_REAR, 0, 0, 1 },
+    { 0, ROLLS_FRONT, 0, 0, 1 }, { 0, ROLLS_NONE, 0, 0, 0 }, { 0, ROLLS_NONE, 1, 0, 1 },
+    { 1, ROLLS_UNKNOWN, 1, 1, 0 } };
+  if (!HAS_SLIP) return;
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    row_class w;
+    tse_output y = blank_output();
+    tse_params p = steady_filter(&k, &w);
+    p.car.driven = cases[n].driven, p.prior_sd[GX] = real(cases[n].flat ? 0 : 0.3);
+    w.rolls = cases[n].rolls, w.no_second = cases[n].no_second;
+    report_row(&p, &k, &y);
+    judge_row(&p, &k, &w, &y);
+    expect_near(cases[n].valid ? TSE_VALID : TSE_NOT_EXCITED, y.reason[TSE_CX_FRONT], 0, "along", n);
+    expect_near(TSE_VALID, y.reason[TSE_CY_FRONT], 0, "across", n);
+    w.held = 1;
+    judge_row(&p, &k, &w, &y);
+    expect_near(TSE_HELD, y.reason[TSE_CX_FRONT], 0, "another reason stays", n);
+  }
+}
+
+/* An estimate is valid up to valid_sd, relative to itself. If the parameters of the
+ * settings cause more than half of a larger variance, they are the reason. Without a
+ * second speed an uncertain stiffness along is one that is not excited. */
+static void test_what_is_too_uncertain_says_whether_parameters_are_the_cause(void)
+{
+  for (int n = 0; n < 6; n++) {
+    static tse_kalman k;
+    row_class w;
+    tse_output y = blank_output();
+    tse_params p = steady_filter(&k, &w);
+    const int from = n % 3, big = n / 3; /* 0: the state, 1: the mass, 2: a consider parameter */
+    const double sd = (big ? 1.1 : 0.8) * sqrt(number(p.valid_var));
+    k.x[LCF] = real(0.5); /* relative to a stiffness that is not nominal */
+    if (from == 0) k.ud.d[LCF] = real(pow(sd / number(state_unit[LCF]), 2));
+    if (from == 1) p.mass_var = real(sd * sd);
+    if (from == 2) k.consider[0][LCF] = short_of(sd / number(state_unit[LCF]));
+    report_row(&p, &k, &y);
+    judge_row(&p, &k, &w, &y);
+    expect_near(!big    ? TSE_VALID
+            : from == 0 ? TSE_UNCERTAIN
+                        : TSE_PARAMETERS_UNCERTAIN,
+        y.reason[TSE_CY_FRONT], 0, "reason", n);
+    if (from != 1) expect_near(TSE_VALID, y.reason[TSE_CY_REAR], 0, "rear", n);
+    w.no_second = 1;
+    judge_row(&p, &k, &w, &y);
+    if (HAS_SLIP) expect_near(TSE_NOT_EXCITED, y.reason[TSE_CX_FRONT], 0, "along", n);
+  }
+}
+
+/* The regime of a filter without possible events, and how it reports the last change. */
+static void test_a_regime_is_a_fault_a_slide_or_a_recent_change(void)
+{
+  static const struct {
+    double sf, sr, age;
+    int fault, change, regime;
+  } cases[] = { { 0, 0, 1, 0, TSE_CHANGE_NONE, TSE_REGIME_STEADY },
+    { 0, 0, 1, 0, TSE_CHANGE_ROAD, TSE_REGIME_CHANGED }, { 0, 0, 1, 0, TSE_CHANGE_FRONT, TSE_REGIME_AXLE },
+    { 0, 0, 1, 0, TSE_CHANGE_REAR, TSE_REGIME_AXLE },
+    { 0, 0, 1, 0, TSE_CHANGE_RESTART, TSE_REGIME_RESTARTED },
+    { 0, 0, 3, 0, TSE_CHANGE_RESTART, TSE_REGIME_STEADY }, { 0, 0, 3, 0, TSE_CHANGE_ROAD, TSE_REGIME_STEADY },
+    { 0.2, 0, 1, 0, TSE_CHANGE_ROAD, TSE_REGIME_SLIDING }, { -0.2, 0, 1, 0, 0, TSE_REGIME_SLIDING },
+    { 0, 0.2, 1, 0, 0, TSE_REGIME_SLIDING }, { 0, -0.2, 1, 0, 0, TSE_REGIME_SLIDING },
+    { 0.2, 0, 1, 1, TSE_CHANGE_ROAD, TSE_REGIME_FAULT } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    row_class w;
+    tse_output y = blank_output();
+    const tse_params p = steady_filter(&k, &w);
+    const int changed = cases[n].change != TSE_CHANGE_NONE;
+    k.x[SF] = real(cases[n].sf), k.x[SR] = real(cases[n].sr), k.change_age = real(cases[n].age);
+    k.change_kind = cases[n].change, k.none[0] = real(0.75), k.none[1] = real(0.5);
+    if (cases[n].fault) k.fault = fault_of(YAW_RATE);
+    for (int a = 0; a < 3; a++) k.x[stiffness_at(a)] = real(0.1 * a), k.change_from[a] = real(0.3);
+    report_row(&p, &k, &y);
+    for (int r = 0; r < TSE_REGIMES; r++)
+      expect_near(r == cases[n].regime, number(y.regime[r]), 1e-6, "regime", 100 * n + r);
+    TEST_ASSERT_EQUAL_INT(cases[n].fault ? fault_of(YAW_RATE) : NO_FAULT, y.fault_channel);
+    for (int a = 0; a < 3; a++)
+      expect_near(changed ? exp(0.1 * a - 0.3) : 1, number(y.change_ratio[a]), 1e-5, "ratio", 100 * n + a);
+    expect_near(changed ? 0.375 : 0, number(y.change_probability), 1e-6, "probability", n);
+    expect_near(cases[n].age, number(y.change_age), 1e-6, "age", n);
+  }
+}
+
+/* A bias is that of its own sensor. No motion and no sd leaves its range. */
+static void test_outputs_are_of_their_state_and_within_their_range(void)
+{
+  static tse_kalman k;
+  row_class w;
+  tse_output y = blank_output();
+  const tse_params p = steady_filter(&k, &w);
+  for (int i = 0; i < 3; i++) k.x[bias_at(i)] = real(0.1 * (i + 1));
+  k.x[BX] = real(0.1), k.x[BY] = real(0.2), k.x[BR] = real(0.3);
+  for (int i = 0; i < MOTION; i++) k.ud.d[i] = real(1e6);
+  for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = real(0.25 * (c + 1) * (c + 1));
+  report_row(&p, &k, &y);
+  for (int i = 0; i < 3; i++) expect_near(0.1 * (i + 1), number(y.bias[i]), 1e-6, "bias", i);
+  for (int c = 0; c < TSE_SENSORS; c++) expect_near(0.5 * (c + 1), number(y.noise[c]), 1e-5, "noise", c);
+  TEST_ASSERT_TRUE(number(y.vel_x_sd) <= 200 && number(y.vel_y_sd) <= 60 && number(y.yaw_rate_sd) <= 20);
+  TEST_ASSERT_TRUE(number(y.sideslip_sd) <= 3.1416);
+}

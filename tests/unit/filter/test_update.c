@@ -502,3 +502,108 @@ static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(voi
     }
   }
 }
+
+/* A gyro that turns while the wheels stand, one that is faulty, and one that is missing
+ * say nothing about its bias. Within 3 sd of both variances it does. */
+static void test_at_standstill_only_a_gyro_that_may_stand_teaches_its_bias(void)
+{
+  for (int n = 0; n < 4; n++) {
+    const tse_params p = a_car(0);
+    static tse_kalman k;
+    tse_real variance[STATES];
+    memset(&k, 0, sizeof k);
+    for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
+    for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
+    ud_set(&k.ud, variance);
+    variance[BR] = real(pow(4 * number(p.sensor_sd[YAW_RATE]) / number(state_unit[BR]), 2));
+    ud_set(&k.ud, variance);
+    memset(&z, 0, sizeof z);
+    const double sd = hypot(4, 1) * number(p.sensor_sd[YAW_RATE]);
+    z.dt = real(0.01), z.use[YAW_RATE] = n != 2, z.z[YAW_RATE] = real((n == 3 ? 3.1 : 2.9) * sd);
+    if (n == 1) k.fault = fault_of(YAW_RATE);
+    update_at_standstill(&p, &k, &z);
+    TEST_ASSERT_EQUAL_INT(n == 0, number(k.x[BR]) > 0);
+  }
+}
+
+/* Without a second speed accel_x is an input, and one wheel speed measures: that of the
+ * undriven axle; of the rear one if the driven axle is unknown, or of the other if it is
+ * missing. Its variance has a part due to the slip, whose error is that of its force over
+ * the stiffness, and no slope over slips. */
+static void test_without_a_second_speed_one_wheel_measures_the_speed(void)
+{
+  static const struct {
+    int driven, missing, axle;
+  } cases[] = { { 0, -1, WHEEL_REAR }, { 1, -1, WHEEL_REAR }, { 2, -1, WHEEL_FRONT },
+    { 2, WHEEL_FRONT, WHEEL_REAR }, { 1, WHEEL_REAR, WHEEL_FRONT }, { 0, WHEEL_REAR, WHEEL_FRONT } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    tse_params p = a_car(0);
+    uint32_t seed = 31;
+    double ph[ALL];
+    in_a_turn(&p, &k, &seed);
+    p.car.driven = cases[n].driven;
+    k.x[SF] = real(0.01), k.x[SR] = real(0.03);
+    a_row(&p, &k, turned(), &z, h, read, &seed);
+    z.no_second = 1;
+    if (cases[n].missing >= 0) z.use[cases[n].missing] = 0;
+    const int axle = cases[n].axle;
+    const int unseen[] = { SF, SR, LCX };
+    for (int i = 0; HAS_SLIP && i < 3; i++) h[axle][unseen[i]] = 0;
+    const schmidt s = schmidt_of(&k);
+    const double known = spread_of(&s, h[axle], ph), sd = number(p.sensor_sd[axle]), speed = number(k.x[VX]),
+                 off = number(p.prior_sd[LCX]) * (axle == WHEEL_FRONT ? 0.01 : 0.03),
+                 var = known + sd * sd + speed * speed * (pow(number(FREE_SLIP_SD), 2) + off * off);
+    update_row(&p, &k, &z, turned());
+    for (int a = 0; a < TSE_SENSORS; a++)
+      TEST_ASSERT_EQUAL_INT(a == axle || a == ACCEL_Y || a == YAW_RATE, number(k.innovation_var[a]) > 0);
+    expect_near(var, number(k.innovation_var[axle]), BY_NUMBER(1e-6, 1e-4, 1e-4) * var, "variance", n);
+  }
+}
+
+/* What a row does not measure has no innovation, and the row no likelihood. */
+static void test_a_row_without_a_channel_reports_nothing_of_the_row_before(void)
+{
+  static tse_kalman k;
+  const tse_params p = a_car(0);
+  uint32_t seed = 32;
+  in_a_turn(&p, &k, &seed);
+  for (int i = 0; i < 3; i++) k.moved[i] = real(0.25);
+  a_row(&p, &k, turned(), &z, h, read, &seed);
+  update_row(&p, &k, &z, turned());
+  TEST_ASSERT_TRUE(number(k.innovation[YAW_RATE]) != 0 && number(k.log_likelihood) != 0);
+  for (int i = HAS_SLIP ? 0 : 1; i < 3; i++) TEST_ASSERT_TRUE(number(k.moved[i]) >= 0.25);
+  for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = 0;
+  z.rolls = ROLLS_NONE;
+  update_row(&p, &k, &z, turned());
+  expect_near(0, number(k.log_likelihood), 0, "likelihood", 0);
+  for (int a = 0; a < TSE_SENSORS; a++) {
+    expect_near(0, number(k.innovation[a]), 0, "innovation", a);
+    expect_near(0, number(k.innovation_var[a]), 0, "its variance", a);
+    expect_near(0, number(k.nis[a]), 0, "nis", a);
+  }
+}
+
+/* The low-passed innovation takes 3 sd of an outlier at most, of either sign. Its variance
+ * is that of a low pass of white noise. The usual ratio is at least 1. */
+static void test_the_slow_innovation_takes_three_sd_of_an_outlier_of_either_sign(void)
+{
+  for (int sign = -1; sign <= 1; sign += 2) {
+    static tse_kalman k;
+    const tse_params p = a_car(0);
+    tse_real change[TSE_ALL], state, variance[STATES];
+    scalar m;
+    memset(&k, 0, sizeof k);
+    memset(&m, 0, sizeof m);
+    for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
+    for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
+    ud_set(&k.ud, variance);
+    k.usual[YAW_RATE] = TSE_R(1), k.slow_var[YAW_RATE] = TSE_R(2);
+    m.h[YAW] = TSE_R(1), m.r = m.white = TSE_R(3), m.e = real(sign * 50), m.dt = real(0.25);
+    (void)use_scalar(&k, YAW_RATE, &m, p.sensor_sd[YAW_RATE], change, &state);
+    const double g = 0.25 / (0.25 + number(MODEL_TIME)), s = 1 + 3;
+    expect_near(sign * g * 3 * sqrt(s), number(k.slow[YAW_RATE]), 1e-5, "slow innovation", sign);
+    expect_near((1 - g) * (1 - g) * 2 + g * g * s, number(k.slow_var[YAW_RATE]), 1e-5, "variance", sign);
+    TEST_ASSERT_TRUE(number(k.usual[YAW_RATE]) >= 1);
+  }
+}
