@@ -525,6 +525,73 @@ static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
   }
 }
 
+/* The extra states begin with their prior, and nothing else is known of them: neither
+ * parameters nor events have moved them. A velocity that is not used starts them, too. */
+static void test_extra_states_begin_with_what_the_settings_say(void)
+{
+  static tse_kalman k;
+  tse_params p = prepared(a_config());
+  uint32_t seed = 21;
+  decoded z = { 0 };
+  forces f;
+  tse_real change[TSE_ALL];
+  const steering still = { real(0.01), real(0.01), real(0.01) };
+  any_kalman(&p, &k, &seed);
+  k.ud.extras = 0;
+  for (int e = 0; e < TSE_EXTRAS; e++) p.extra[e] = real(0.01 * (e + 1));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int e = STATES; e < TSE_ALL; e++) k.consider[q][e] = short_of(0.5);
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int e = STATES; e < TSE_ALL; e++) k.event[n].v[e] = short_of(0.5);
+  for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
+  car_forces(&p.car, k.x, still, TSE_R(1), &f);
+  z.given = TSE_GIVEN_ins_vel_x, z.dt = real(0.01), z.one_speed = 1, z.optional[0] = real(20);
+  velocity_update(&p, &k, &z, &f, change);
+  TEST_ASSERT_EQUAL_INT(TSE_EXTRAS, k.ud.extras);
+  for (int e = 0; e < TSE_EXTRAS; e++) {
+    expect_near(0.01 * (e + 1), number(k.x[STATES + e]), 1e-7, "mean", e);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      expect_near(0, number_of(k.consider[q][STATES + e]), 0, "parameter", e);
+    for (int n = 0; n < TSE_EVENTS; n++) expect_near(0, number_of(k.event[n].v[STATES + e]), 0, "event", e);
+  }
+}
+
+/* The heading turns by the mean of the rates before and after the row, without the bias,
+ * and stays within a half turn. The model discrepancy is as active as the rear axle moves
+ * sideways, at least as MIN_SIDEWAYS_SPEED. */
+static void test_a_heading_turns_by_the_mean_rate_and_stays_within_half_a_turn(void)
+{
+  static const struct {
+    double heading, before, now, r, vy;
+    int had, measured;
+  } cases[] = { { 0.5, 0.2, 0.4, 0.1, 0.5, 1, 1 }, { 3.13, 0.4, 0.5, 0.3, -0.5, 1, 1 },
+    { -3.13, -0.4, -0.5, -0.3, 0.5, 1, 1 }, { 0.5, 9, 0.4, 0, 0, 0, 1 }, { 0.5, 0.25, 9, 0.35, 0.5, 0, 0 },
+    { 3.13, 9, 9, 0.35, 0.1, 1, 0 } };
+  const tse_params p = prepared(a_config());
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    uint32_t seed = 22;
+    decoded z = { 0 };
+    any_kalman(&p, &k, &seed);
+    k.x[PSI] = real(cases[n].heading), k.x[YAW] = real(cases[n].r), k.x[VY] = real(cases[n].vy);
+    k.x[BR] = real(0.02), k.velocity.has_gyro = cases[n].had, k.velocity.gyro = real(cases[n].before);
+    k.velocity.activity = real(0.75);
+    z.dt = real(0.1), z.use[YAW_RATE] = cases[n].measured, z.z[YAW_RATE] = real(cases[n].now);
+    for (int c = 0; c < TSE_VELOCITIES; c++) k.velocity.since[c] = MAX_SINCE;
+    velocity_move(&p, &k, &z);
+    const double rate = cases[n].measured ? cases[n].now - 0.02 : cases[n].r;
+    const double before = cases[n].had == cases[n].measured ? cases[n].before : rate;
+    const double to = cases[n].heading + 0.05 * (before + rate), pi = 3.14159265358979323846;
+    expect_near(to > pi ? to - 2 * pi : to < -pi ? to + 2 * pi : to, number(k.x[PSI]), 1e-6, "heading", n);
+    const double sideways = number(p.car.lr) * cases[n].r - cases[n].vy,
+                 square = fmax(sideways * sideways, pow(number(MIN_SIDEWAYS_SPEED), 2));
+    expect_near(0.75 + 0.1 / (0.1 + number(MODEL_TIME)) * (square - 0.75), number(k.velocity.activity), 1e-6,
+        "activity", n);
+    for (int c = 0; c < TSE_VELOCITIES; c++)
+      expect_near(number(MAX_SINCE), number(k.velocity.since[c]), 0, "limited", n);
+  }
+}
+
 /* ------------------------------------------------------------------------------- drives */
 
 typedef struct sensor { /* velocity sensor and its errors */
