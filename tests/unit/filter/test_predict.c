@@ -384,8 +384,8 @@ static void test_the_wheels_have_the_logged_angle_after_the_lags_of_the_steering
 }
 
 /* A row that does not show the slip: the force that accel_x measures, plus what drag and
- * rolling resistance take, over the stiffness of the axles that it acts at. It acts at the
- * driven axle, and at both if the car brakes or the driven axle is unknown. The slip
+ * rolling resistance take, over the stiffness of the axles that it acts at. It acts at
+ * the driven axle, and at both if the car brakes or the driven axle is unknown. The slip
  * approaches it with the time constant 0.1 s, and keeps within max_slip. */
 static void test_without_a_second_speed_the_slip_is_that_of_the_force(void)
 {
@@ -420,8 +420,8 @@ static void test_without_a_second_speed_the_slip_is_that_of_the_force(void)
   }
 }
 
-/* Each sensor bias wanders with its own rate: variance of a random walk, rate^2 t. A change
- * has an age; without a change there is none, and an age has a limit. */
+/* Each sensor bias wanders with its own rate: variance of a random walk, rate^2 t. A
+ * change has an age; without a change there is none, and an age has a limit. */
 static void test_each_bias_wanders_by_itself_and_only_a_change_has_an_age(void)
 {
   static tse_kalman k;

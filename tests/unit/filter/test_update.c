@@ -584,8 +584,8 @@ static void test_a_row_without_a_channel_reports_nothing_of_the_row_before(void)
   }
 }
 
-/* The low-passed innovation takes 3 sd of an outlier at most, of either sign. Its variance
- * is that of a low pass of white noise. The usual ratio is at least 1. */
+/* The low-passed innovation takes 3 sd of an outlier at most, of either sign. Its
+ * variance is that of a low pass of white noise. The usual ratio is at least 1. */
 static void test_the_slow_innovation_takes_three_sd_of_an_outlier_of_either_sign(void)
 {
   for (int sign = -1; sign <= 1; sign += 2) {

@@ -666,7 +666,7 @@ static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_t
   TEST_ASSERT_TRUE(slid > 20 && gripped > 20);
 }
 
-/* ------------------------------------------------------------------------- integrator.c */
+/* ---------------------------------------------------------------------- integrator.c */
 
 /* A car of 20 m/s, or in reverse, in its steady state. Its wheels turn freely, or their
  * speeds are inputs.
@@ -730,7 +730,8 @@ static void test_a_row_of_two_steps_is_two_rows_with_the_mean_of_the_inputs_betw
 }
 
 /* What the tyres give the car they take from the wheels: without brakes, v_x plus the sum
- * of wheel speed / load changes by the sum of drive / load, for each axle its own load. */
+ * of wheel speed / load changes by the sum of drive / load, for each axle its own load.
+ * */
 static void test_the_car_has_the_momentum_that_its_wheels_lose(void)
 {
   for (int n = 0; n < 2; n++) {
@@ -754,8 +755,8 @@ static void test_the_car_has_the_momentum_that_its_wheels_lose(void)
   }
 }
 
-/* A brake acts against the rotation of its wheel in both directions, from a light touch to
- * a locked wheel. */
+/* A brake acts against the rotation of its wheel in both directions, from a light touch
+ * to a locked wheel. */
 static void test_a_brake_in_reverse_is_the_mirror_of_a_brake_forwards(void)
 {
   static const double brake[] = { 0, 2, 40, 300, 3000 }, speed[] = { 12, 0.5, 0.05 };

@@ -548,8 +548,8 @@ static void test_a_motion_is_limited_to_both_sides_and_a_tiny_one_is_none(void)
     expect_near(number(real(at[n][1])), number(vehicle_limit(real(at[n][0]), MAX_SPEED)), 0, "limited", n);
 }
 
-/* A step is a quarter of the time constant of the tyres, speed/damping, where the speed is
- * the mean of both wheels before and after the row; at most max_step, and at least
+/* A step is a quarter of the time constant of the tyres, speed/damping, where the speed
+ * is the mean of both wheels before and after the row; at most max_step, and at least
  * least_step. A row that is a whole number of steps has this number. */
 static void test_the_steps_of_a_row_follow_the_time_constant_of_the_tyres(void)
 {
