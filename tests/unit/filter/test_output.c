@@ -205,8 +205,8 @@ static tse_params steady_filter(tse_kalman *k, row_class *w)
   return prepared(c);
 }
 
-/* Each reason for which no estimate is valid, alone, and the order in which they count.
- * */
+/* Each reason for which no estimate is valid, alone, and the order in which they
+ * count. */
 static void test_every_reason_alone_makes_an_estimate_not_valid_and_the_first_counts(void)
 {
   enum { APART, SCALE, PREDICTED, SPARSE, HELD, STARTING, FAULT, SLIDING, LATERAL, ALONG, ALL_CAUSES };

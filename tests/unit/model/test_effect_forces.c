@@ -730,8 +730,8 @@ static void test_a_row_of_two_steps_is_two_rows_with_the_mean_of_the_inputs_betw
 }
 
 /* What the tyres give the car they take from the wheels: without brakes, v_x plus the sum
- * of wheel speed / load changes by the sum of drive / load, for each axle its own load.
- * */
+ * of wheel speed / load changes by the sum of drive / load, for each axle its own
+ * load. */
 static void test_the_car_has_the_momentum_that_its_wheels_lose(void)
 {
   for (int n = 0; n < 2; n++) {
