@@ -86,6 +86,13 @@ LISTS = (
         "over the whole project, chosen by a fourth who had read no test, after those above, each "
         "tried by the tests of its area",
     ),
+    FaultList(
+        HERE / "faults_fourth.toml",
+        37,
+        "over the whole project, chosen by a fifth who had read no test, while others went through "
+        "the core and the FMUs function by function and wrote tests, each tried by the tests of its "
+        "area",
+    ),
 )
 
 
