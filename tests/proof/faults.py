@@ -6,6 +6,7 @@ Each fault is put into a copy of the sources.
 
 - src: the unit tests and the golden replay run until one fails, those of the file first,
   as in tests/proof/mutation.py. If none fails, the tests of the file run with sanitizers.
+  A fault in code of fixed point alone is judged in fixed point.
 - fmu: the unit tests of the FMUs, then the Python tests that the fault names.
 - Python: the tests that the fault names.
 
@@ -345,15 +346,27 @@ class Courts:
     def __init__(self, compiler: str):
         self._compiler = compiler
         self._core: mutation.Court | None = None
+        self._fixed: mutation.Bench | None = None
         self._tree: TreeCourt | None = None
 
     def judge(self, fault: HandFault) -> tuple[str, str]:
-        """Return found (by sanitizers), survived, stillborn or same, and the test."""
+        """Return found (by sanitizers, in fixed point), survived or stillborn, and the
+        test."""
         if fault.file.startswith("src/"):
             self._core = self._core or mutation.Court(WORK, self._compiler)
-            return self._core.judge(fault.in_core), ""
+            verdict = self._core.judge(fault.in_core)
+            return (verdict if verdict != "same" else self._judge_in_fixed_point(fault)), ""
         self._tree = self._tree or TreeCourt(WORK / "tree")
         return self._tree.judge(fault)
+
+    def _judge_in_fixed_point(self, fault: HandFault) -> str:
+        """Return the verdict on a fault in code that other number formats do not
+        compile."""
+        if self._fixed is None:
+            self._fixed = mutation.Bench(WORK / "fixed", self._compiler, ["-DTSE_REAL_FIXED=1"])
+            self._fixed.prepare()
+        verdict = self._fixed.judge(fault.in_core)
+        return "found in fixed point" if verdict == "found" else verdict
 
 
 def judge_faults(
