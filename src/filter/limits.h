@@ -174,10 +174,10 @@
 #define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation in a loaded covariance. Below 1, so that
                                          * conditional variances stay positive */
 #define MAX_D TSE_R(1e6)                /* [unit^2] max element of the matrix D (covariance U D U') for a
-                                         * state of the motion, and max sum of squares of its sensitivities: an
-                                         * sd of 1000 units. If a number is larger, the motion counts as
-                                         * unknown, and the next row with steering angle and wheel speed
-                                         * initialises it */
+                                         * state of the motion, and max sum of squares of the sensitivities of
+                                         * the motion: an sd of 1000 units. If a number is larger, the motion
+                                         * counts as unknown, and the next row with steering angle and wheel
+                                         * speed initialises it */
 
 /* Limits of the test whether the channels agree (plausible.c). They need no tuning: a
  * wrong unit, sign or axle exceeds these limits by far. */

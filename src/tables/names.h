@@ -24,6 +24,7 @@
 #define along_restart TSE_NAME(tse_along_restart)
 #define along_share TSE_NAME(tse_along_share)
 #define along_start TSE_NAME(tse_along_start)
+#define are_sensitivities_known TSE_NAME(tse_are_sensitivities_known)
 #define can_return TSE_NAME(tse_can_return)
 #define check_agreement TSE_NAME(tse_check_agreement)
 #define compute_decay TSE_NAME(tse_compute_decay)

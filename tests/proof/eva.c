@@ -117,7 +117,8 @@ static void any_filter(int32_t extras)
 /* Check the assumptions of any_filter() for the filter after the row. */
 static void still_so(void)
 {
-  //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && (f->waiting.newest == 0 || 0 <= f->waiting.newest < TSE_LATENCY_ROWS);
+  //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS;
+  //@ assert whole: f->waiting.newest == 0 || 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
   //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
   //@ assert whole: 0 <= f->k.slow_turn < TSE_SLOW;
   //@ assert whole: f->k.ud.extras == 0 || f->k.ud.extras == MAX_EXTRAS;

@@ -137,9 +137,9 @@ class Bus:
                 frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
-                # Signals with the same key of _make_pattern() (last byte, multiplexing) are
-                # in the same frames. So only the first of them adds the numbers of these
-                # frames.
+                # Signals with the same key of _make_pattern() (last byte, multiplexing)
+                # are in the same frames. So only the first of them adds the numbers of
+                # these frames.
                 if len(frames) == len(kept.value[s.name]):
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)

@@ -455,9 +455,9 @@ def _find_time_unit(name: str) -> str:
     """Return the unit of time in the last word of a name: time_ms gives ms. Return "" if
     the last word is no unit of time.
 
-    logMonoTime, the name of the time in logs of openpilot, ends in the word time, which is
-    no unit. So if the last word is no unit, the function looks up the whole name (without
-    the path before it)."""
+    logMonoTime, the name of the time in logs of openpilot, ends in the word time, which
+    is no unit. So if the last word is no unit, the function looks up the whole name
+    (without the path before it)."""
     return _TIME_SUFFIXES.get(
         (split_words(name) or [""])[-1], _TIME_SUFFIXES.get(last_part(name).lower(), "")
     )

@@ -718,6 +718,47 @@ static void test_readings_at_their_ends_leave_numbers(void)
 
 /* ------------------------------------------------------------------------------- what is told */
 
+/* Only one state correlates with the front cornering stiffness, or it depends on one
+ * consider parameter: the whole sd belongs to one setting. */
+static void test_a_part_of_the_sd_belongs_to_its_own_setting(void)
+{
+  static const struct {
+    int32_t setting;
+    int state, parameter; /* one of them is -1 */
+  } parts[] = {
+    { TSE_CONSIDER_INERTIA, -1, CONSIDER_INERTIA },
+    { TSE_CONSIDER_CENTRE, -1, CONSIDER_CENTRE },
+    { TSE_CONSIDER_RATIO, GAIN, -1 },
+    { TSE_CONSIDER_OFFSET, STEER_OFFSET, -1 },
+    { TSE_CONSIDER_SCALE, -1, CONSIDER_SCALE },
+    { TSE_CONSIDER_WHEELS_LATE, -1, CONSIDER_WHEELS_LATE },
+    { TSE_CONSIDER_ACCEL_LATE, -1, CONSIDER_ACCEL_LATE },
+    { TSE_CONSIDER_RELAXATION, -1, CONSIDER_RELAXATION_FRONT },
+    { TSE_CONSIDER_RELAXATION, -1, CONSIDER_RELAXATION_REAR },
+    { TSE_CONSIDER_LEAN, LEAN, -1 },
+    { TSE_CONSIDER_GYRO, -1, CONSIDER_GYRO },
+    { TSE_CONSIDER_TRAIL, -1, CONSIDER_TRAIL },
+    { TSE_CONSIDER_ROLL_STEER, -1, CONSIDER_ROLL_STEER },
+    { TSE_CONSIDER_RADIUS, RAD, -1 },
+  };
+  start(a_car(), 20, 0, 5);
+  (void)drive(10);
+  for (int n = 0; n < ROWS(parts); n++) {
+    const int s = parts[n].state, q = parts[n].parameter;
+    if (s >= STATES || q >= (int)TSE_CONSIDERED) continue; /* not in a small build */
+    memset(f.k.ud.u, 0, sizeof f.k.ud.u);
+    memset(f.k.consider, 0, sizeof f.k.consider);
+    if (s >= 0) f.k.ud.u[ud_column(s > LCF ? s : LCF) + (s > LCF ? LCF : s)] = r_short(TSE_R(0.5));
+    else f.k.consider[q][LCF] = r_short(TSE_R(0.5));
+    for (int32_t k = TSE_CONSIDER_INERTIA; k < TSE_CONSIDER_MODEL; k++) {
+      tse_real sd[3];
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, k, sd));
+      TEST_ASSERT_EQUAL_INT_MESSAGE(
+          k == parts[n].setting, sd[TSE_CY_FRONT] > TSE_R(0), field_of(TSE_STRUCT_CONFIG, "mass_sd")[k].name);
+    }
+  }
+}
+
 /* Each part of the sd is positive and at most the total. Parameters that are known
  * exactly have no part. */
 static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
