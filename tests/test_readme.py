@@ -297,6 +297,7 @@ def test_its_c_program_does_not_end_well_at_a_cell_that_it_cannot_read(log, tmp_
     assert done.returncode == 1 and not done.stdout
 
 
+@pytest.mark.slow
 def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     program = compile_program("csv.c", tmp_path)
     log, truth = tse.simulate("double-lane-change", duration=40)

@@ -353,6 +353,7 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     assert late["ci95"][0] < 0.02 < late["ci95"][1]
 
 
+@pytest.mark.slow
 def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path) -> None:
     """The lean of the road is written as bank_superelevation.
 

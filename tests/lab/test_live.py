@@ -301,6 +301,7 @@ def test_a_clock_that_is_set_back_is_bridged(folder, trip):
     assert live.drive.rows > 900
 
 
+@pytest.mark.slow
 def test_signals_that_nobody_names_are_proposed_from_what_comes(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("tse.streaming.drive.LISTENED", 2.0)
     live = make_live(folder, "none", tmp_path / "out", signals=None)

@@ -345,6 +345,7 @@ def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
         assert found[c].unsure and found[c].confidence != "sure", c
 
 
+@pytest.mark.slow
 def test_what_the_log_cannot_test_is_unsure(drive):
     straight = drive.iloc[:400].assign(
         yaw_rate=1e-4 * np.random.default_rng(1).normal(size=400), steer_angle=0.05
@@ -378,6 +379,7 @@ def test_a_unit_is_what_its_spelling_means(unit, si, per):
     assert unit_factor(unit, si, 0.3) == (per if per is None else pytest.approx(per, rel=1e-5))
 
 
+@pytest.mark.slow
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
     found = propose_for(
         drive.time[:500],
@@ -386,6 +388,7 @@ def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
     assert found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].confidence == "unsure"
 
 
+@pytest.mark.slow
 def test_the_unit_of_an_angle_that_cannot_be_tested_is_by_its_size(drive):
     for size, unit, ratio in ((0.05, "rad", False), (60.0, "deg", True)):
         found = propose_for(drive.time[:500], {"steer_angle": size * np.sin(np.arange(500) / 80)})[
@@ -394,6 +397,7 @@ def test_the_unit_of_an_angle_that_cannot_be_tested_is_by_its_size(drive):
         assert (found.unit, bool(found.ratio)) == (unit, ratio) and "unit" in found.unsure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [25.0, -15.0, 0.0])
 def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
     c, s = np.cos(turned / DEG), np.sin(turned / DEG)
@@ -409,6 +413,7 @@ def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
         assert not said
 
 
+@pytest.mark.slow
 def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
     log = name_signals(drive)
     exchanged = {
@@ -427,6 +432,7 @@ def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
     assert not any("exchanged" in w for w in right.warnings) and right["steer_angle"].confidence == "sure"
 
 
+@pytest.mark.slow
 def test_flags_counters_and_numbers_for_no_value(drive):
     """1 % of the angles are the largest number of the field, and a flag marks them.
 
@@ -455,6 +461,7 @@ def test_flags_counters_and_numbers_for_no_value(drive):
     assert found["yaw_rate"].valid is None and found["yaw_rate"].counter is None
 
 
+@pytest.mark.slow
 def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     """Toyota sends steps of 1.5 degrees, and the rest in steps of 0.1 degrees."""
     angle = drive.steer_angle * DEG * GEAR
@@ -477,6 +484,7 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     assert np.nanpercentile(np.abs(off), 95) < 0.2  # steps of 1.5 alone leave up to 0.75
 
 
+@pytest.mark.slow
 def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_path):
     pd.DataFrame(
         {

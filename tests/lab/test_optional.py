@@ -223,6 +223,7 @@ def list_notes(log: CheckedLog, made) -> list[str]:
     )
 
 
+@pytest.mark.slow
 def test_columns_are_bits_of_a_row_where_they_have_a_number(driven: pd.DataFrame) -> None:
     assert [f.name for f in library().optional][4:7] == list(PEDALS)
     log = read_frame(driven.assign(brake=driven.brake.where(driven.index > 9)))
@@ -232,6 +233,7 @@ def test_columns_are_bits_of_a_row_where_they_have_a_number(driven: pd.DataFrame
         np.testing.assert_array_equal(rows[name][10:], driven[name][10:])
 
 
+@pytest.mark.slow
 def test_generated_torques_are_those_of_force_and_of_both_axles(made) -> None:
     """Rolling resistance: a hundredth of the load; spin-up: at most 0.1 of the force."""
     r, p = made.reference, made.car.parameters
@@ -244,6 +246,7 @@ def test_generated_torques_are_those_of_force_and_of_both_axles(made) -> None:
     assert r["brake"].mean() == pytest.approx(made.log["brake"].mean(), abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driven: pd.DataFrame) -> None:
     plain = read_frame(driven.drop(columns=list(PEDALS)))
     config, _ = make_config(its_car, plain)
@@ -265,6 +268,7 @@ def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driv
         assert (other["cx_front"] != base["cx_front"]).any(), names
 
 
+@pytest.mark.slow
 def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame) -> None:
     with pytest.raises(
         UserError, match="wheel_torque_least has no effect: the log has none of wheel_torque_front"
@@ -276,6 +280,7 @@ def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame)
     assert config.wheel_torque_least == 90.0
 
 
+@pytest.mark.slow
 def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.DataFrame) -> None:
     log = read_frame(driven.assign(brake=30.0 * driven.brake))
     assert "brake" not in log.optional
@@ -285,6 +290,7 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
     ), log.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -316,18 +322,21 @@ def test_what_contradicts_the_speed_or_the_acceleration_is_said(
     assert bool(found) == bool(words), found
 
 
+@pytest.mark.slow
 def test_gap_compares_no_torque_switch_or_velocity(its_car, driven: pd.DataFrame) -> None:
     log = read_frame(driven.assign(ins_vel_x=20.0))
     config, _ = make_config(its_car, log)
     assert set(prepare(log, config).channels) == {*MEASURES}
 
 
+@pytest.mark.slow
 def test_a_switch_that_is_averaged_is_a_share(driven: pd.DataFrame) -> None:
     log = average(read_frame(driven), 0.05)
     assert set(np.unique(log.extra["brake"])) <= {0.0, 0.2, 0.4, 0.6, 0.8, 1.0}
     assert log.extra["brake"].mean() == pytest.approx(driven.brake.mean(), abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFrame, tmp_path: Path) -> None:
     """The switch is proposed by its name and by the change of speed, written and read.
 

@@ -51,6 +51,7 @@ def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str,
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", OF_LOGS)
 def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) -> None:
     change, words = OF_LOGS[mistake]
@@ -79,6 +80,7 @@ def test_the_other_front_ends_say_what_the_library_says(
     expect_response(mistake, front_end, both)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mistake", "channel", "factor"),
     [

@@ -285,6 +285,7 @@ def test_the_page_asks_no_network_and_reports_no_error(seen):
     assert seen["foot"] == "Reads CSV and Parquet."
 
 
+@pytest.mark.slow
 def test_the_example_is_estimated_as_on_the_command_line_to_the_byte(seen, tmp_path):
     given = seen["logs"]["example"]
     (tmp_path / "log.csv").write_text(given["log"])
