@@ -455,6 +455,18 @@ def test_nothing_is_fitted_again_where_nothing_was_found():
     assert search.refit_on_all(None, None, nothing) is nothing
 
 
+def test_a_formula_of_an_excerpt_is_fitted_to_all_logs_with_its_limits_and_its_price(monkeypatch):
+    c, again, asked = replace(make_candidate(9.0, 0.5), limits={"k": (-3.0, 3.0)}), None, []
+    again = replace(make_candidate(99.0, 0.3, 2.0), price=7.0)
+    monkeypatch.setattr(search.Frame, "of", lambda problem, last: (problem, last))
+    monkeypatch.setattr(search, "refit", lambda *given: asked.append(given) or again)
+    monkeypatch.setattr(search, "_add_sentences", lambda frame, c: replace(c, words=[frame]))
+    found = search.refit_on_all("all", "last", c)
+    assert asked == [(("all", "last"), c.formula, {"k": (-3.0, 3.0)}, 4.0)]
+    assert found.formula is again.formula and found.fit is again.fit and found.share == 0.3
+    assert (found.nats, found.price, found.words) == (9.0, 4.0, [("all", "last")])
+
+
 def test_a_formula_is_stated_with_its_sd_and_with_what_was_driven():
     problem, e = make_groups(("yaw_rate", [2.0, -2.0] * 50))
     problem.logs = [SimpleNamespace(name="a"), SimpleNamespace(name="b")]

@@ -610,6 +610,19 @@ def test_signals_of_formulas_are_those_of_the_single_track_model():
     assert s["steer_angle"] == pytest.approx(0.02) and not straight["steer_angle"].any()
 
 
+def test_each_axle_rolls_on_its_own_wheels():
+    """Straight on at 20 m/s with front wheels of 30 cm and rear wheels of 36 cm."""
+    car = Config.exact(CAR.as_dict() | {"wheel_radius_front": 0.3, "wheel_radius_rear": 0.36})
+    found = drives._compute_wheel_speeds(car, np.zeros(300), np.full(300, 20.0))
+    for axle, radius in (("front", 0.3), ("rear", 0.36)):
+        np.testing.assert_allclose(found[f"wheel_speed_{axle}"] * radius, 20.0, rtol=1e-6)
+    log = make_prepared()
+    log.inputs.update(found)
+    (s,) = respond.compute_signals(Problem([log], car), {})
+    np.testing.assert_allclose([s["slip_front"], s["slip_rear"]], 0.0, atol=1e-5)
+    assert s["vel_x"] == pytest.approx(20.0, rel=1e-4)
+
+
 PLACES = ("front_angle", "rear_angle", "force_y", "yaw_moment", respond.ROAD_BANK)
 
 

@@ -1,6 +1,7 @@
 """What tselab gap writes and draws: residuals, gain of the estimator, figures, tables."""
 
 import html
+import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -345,6 +346,74 @@ def test_the_page_says_verdict_remainder_and_whether_something_was_added(monkeyp
     words = write(make_result("not_in_catalogue", formula=formula))
     assert claim not in words["sections"][0][1] and words["title"] == "Not in the catalogue"
     assert "yaw" in words["place"]
+
+
+def test_all_files_are_of_the_improved_car_and_of_the_logs_before_and_after(monkeypatch, config, tmp_path):
+    """The car is told without sensors, which are those of the first log for both cars."""
+    bare = CAR.split("[sensors]")[0]
+    vehicle, improved = tmp_path / "mine.toml", tmp_path / "vehicle_improved.toml"
+    vehicle.write_text(bare, encoding="utf-8")
+    improved.write_text(bare.replace("rear = 130000.0", "rear = 117000.0"), encoding="utf-8")
+    problem, held = Problem(make_logs(config, "a"), config), Problem(make_logs(config, "b"), config)
+    level, held_level = problem.holding({"cy_rear": 1.0}), held.holding({"cy_rear": 1.0})
+    n = len(problem.weight)
+
+    def make_fit(size):
+        return SimpleNamespace(values={"cy_front": size}, residuals=np.full(n, size))
+
+    logs = [
+        ("fit", SimpleNamespace(path=Path("one.csv"))),
+        ("held_out", SimpleNamespace(path=Path("two.csv"))),
+    ]
+    result = SimpleNamespace(
+        problem=problem, level=level, held=held, held_level=held_level, read=logs, words=["w"], roads=None,
+        naming=SimpleNamespace(baseline=make_fit(4.0), final=make_fit(3.0)), final=make_fit(1.0),
+        after={"cy_front": 0.9}, held_out={"yaw_rate": "changes"}, verdict="none",
+        as_json=lambda: {"verdict": "none", "words": result.words},
+    )  # fmt: skip
+    seen = {}
+
+    def record(key, result):
+        return lambda *given: seen.setdefault(key, []).append(given) or result
+
+    for module, key, value in (
+        (output.add, "write_vehicle", (improved, tmp_path / "effects.h")),
+        (output, "make_table", pd.DataFrame({"x": [1.0]})),
+        (output, "compute_gain", {"gain": 2.0}),
+        (output, "fill_sensors", None),
+        (output.report, "write_report", None),
+        (output.pictures, "draw_picture", None),
+    ):
+        monkeypatch.setattr(module, key, record(key, value))
+    monkeypatch.setattr(output, "describe_stiffness", lambda car: f"stiffness of {car.path.name}")
+    written = output.write_all(tmp_path, result, vehicle, 3)
+    assert seen["write_vehicle"] == [(tmp_path, vehicle, problem, result)]
+    ((parts, before, after),) = seen["make_table"]
+    assert parts == {"fit": (level, problem), "held_out": (held_level, held)}
+    assert (before, after) == ({"cy_front": 4.0}, {"cy_front": 0.9})
+    change = written.changes["fit"]["yaw_rate"]
+    assert (change.before, change.after) == (4.0, 1.0)
+    assert written.changes["held_out"] == {"yaw_rate": "changes"} and written.gain == {"gain": 2.0}
+    ((read, old, new, jobs, _),) = seen["compute_gain"]
+    assert read == [("fit", "one", logs[0][1]), ("held_out", "two", logs[1][1])] and jobs == 3
+    assert [c.values["cornering_stiffness_rear"] for c in (old, new)] == [130e3, 117e3]
+    assert [(c is old, log) for c, log in seen["fill_sensors"]] == [(True, logs[0][1]), (False, logs[0][1])]
+    stiffness = {"cx_front": 1.0, "cy_front": 1.0, "cy_rear": pytest.approx(0.9)}
+    ((path, shown),) = seen["write_report"]
+    assert path == tmp_path / "report.html" and shown.stiffness == stiffness
+    assert shown.vehicle == "small case (mine.toml)" and shown.parts is written.changes
+    document = json.loads((tmp_path / "verdict.json").read_text(encoding="utf-8"))
+    assert document["stiffness"] == stiffness and document["estimator"] == {"gain": 2.0}
+    assert document["words"] == ["stiffness of vehicle_improved.toml", "w"]
+    names = [f.name for f in written.files if f.name != "gap.png"]
+    assert names == [
+        "verdict.json", "vehicle_improved.toml", "effects.h", "report.html", "residuals.parquet",
+    ]  # fmt: skip
+    result.held, result.held_out, seen["make_table"] = None, {}, []
+    vehicle.rename(tmp_path / "small case.toml")
+    alone = output.write_all(tmp_path, result, tmp_path / "small case.toml")
+    assert seen["make_table"][0][0] == {"fit": (level, problem)} and list(alone.changes) == ["fit"]
+    assert seen["write_report"][1][1].vehicle == "small case.toml"
 
 
 # ---- the page itself

@@ -83,6 +83,121 @@ def test_the_sd_of_a_value_is_the_root_of_its_own_variance():
     assert replace(judged, fit=SimpleNamespace(converged=True)).converged
 
 
+def make_up_space(members: list[str], **more) -> SimpleNamespace:
+    """Return unknowns of two channels: one stiffness, and sizes of gyro and lever arm.
+
+    The last one is a shape, which neither of the two effects has.
+    """
+    names = ("cy_front", "gyro_scale_error", "imu_lever_arm_x", "imu_lever_arm_y", "shape")
+    parameters = [make_parameter(n, strength=n != "shape") for n in names]
+
+    def compute_prior(ids):
+        sd = [0.5, 0.06, 1.6, 1.6, 0.2]
+        if "gyro_scale" not in ids:
+            sd[1] = 0.001
+        if "imu_lever_arm" not in ids:
+            sd[2] = sd[3] = 0.02
+        return np.array([1.0, 0.0, 0.0, 0.0, 0.3]), np.array(sd)
+
+    asked = (KNOWN["imu_lever_arm"], KNOWN["gyro_scale"])
+    mean, sd = compute_prior(members)
+    known = {
+        "names": names, "parameters": parameters, "asked": asked, "lent": None,
+        "effects": tuple(h for h in asked if h.id in members),
+        "channels": ("accel_y", "yaw_rate"), "groups": [(0, "accel_y"), (0, "yaw_rate"), (1, "accel_y")],
+        "mean": mean, "sd": sd, "information": np.diag(sd**-2.0), "compute_prior": compute_prior,
+        "low": np.full(5, -9.0), "high": np.full(5, 9.0),
+        "values": lambda x: dict(zip(names, map(float, x), strict=True)),
+        "compute_ln_slope": lambda x: np.array([-2.0, 1.0, 1.0, 1.0, 1.0]),
+    }  # fmt: skip
+    return SimpleNamespace(**(known | more))
+
+
+def make_up_fit(rng: np.random.Generator, x: list[float]) -> SimpleNamespace:
+    """Return a fit with residuals below 1.2 times the noise, but for one of 40."""
+    tables = [0.3 * rng.standard_normal((n, 5)) for n in (60, 80, 50)]
+    residuals = [0.8 * rng.standard_normal(len(t)) for t in tables]
+    residuals[1][7] = 40.0
+    scales = {c: SimpleNamespace(rms=0.8 if c == "accel_y" else 0.2) for c in ("accel_y", "yaw_rate")}
+    return SimpleNamespace(search=np.array(x), residuals=residuals, slopes=(tables, None), scales=scales)
+
+
+def test_the_evidence_of_a_fit_is_that_of_laplace(monkeypatch):
+    """With likelihood, prior, volume and odds, each computed by scipy."""
+    rng, given = np.random.default_rng(3), []
+    found = make_up_fit(rng, [0.9, 0.02, 0.4, -0.1, 0.25])
+    root = rng.standard_normal((5, 9))
+    found.equations = SimpleNamespace(information=root @ root.T)
+    found.covariance = np.eye(5)
+    space = make_up_space(["gyro_scale", "imu_lever_arm"], at=lambda start: np.full(5, start["x"]))
+
+    def fit(space, x, near, tables):
+        given.append((x[0], near, tables))
+        return found
+
+    monkeypatch.setattr(search, "Space", lambda *x: given.append(x) or space)
+    monkeypatch.setattr(search.engine, "fit", fit)
+    like = SimpleNamespace(fit=SimpleNamespace(slopes=("slopes of another fit", None)))
+    judged = search.judge_set("problem", space.asked, ["gyro_scale", "imu_lever_arm"], {"x": 3.0}, like)
+    assert given == [
+        ("problem", space.asked, ["gyro_scale", "imu_lever_arm"], "slopes of another fit"),
+        (3.0, True, None),
+    ]
+    values = space.values(found.search)
+    expected = sum(
+        search.compute_ln_likelihood(*search._compute_mean_square(space, found, c)) for c in space.channels
+    )
+    expected += norm.logpdf(found.search, space.mean, space.sd).sum()
+    expected += 0.5 * np.log(np.linalg.det(2 * np.pi * np.linalg.inv(root @ root.T)))
+    expected += search.compute_ln_size_odds(space.effects, values)
+    assert judged.evidence == pytest.approx(expected) and judged.values == values
+    assert judged.covariance is found.covariance and judged.fit is found
+
+
+@pytest.mark.parametrize("ids", [["gyro_scale"], ["imu_lever_arm"], []])
+def test_another_set_near_a_fit_is_a_linear_one_of_the_same_residuals(ids):
+    """All mean squares are so small that each residual has the variance 23."""
+    rng = np.random.default_rng(4)
+    fit = make_up_fit(rng, [1.1, 0.02, 0.1, -0.05, 0.25])
+    members = frozenset({"gyro_scale", "imu_lever_arm"})
+    space = make_up_space(sorted(members))
+    judged = SimpleNamespace(space=space, fit=fit, evidence=100.0, ids=members)
+    around = search.Around(judged)
+    assert around.judge(members).evidence == pytest.approx(100.0)
+
+    def solve(ids):
+        mean, sd = space.compute_prior(ids)
+        a, y = [], []
+        for e, table, (_, c) in zip(fit.residuals, fit.slopes[0], space.groups, strict=True):
+            weight = np.minimum(1.0, search.engine.HUBER * fit.scales[c].rms / np.abs(e)) ** 0.5
+            a.append(weight[:, None] * table)
+            y.append(weight * (table @ fit.search - e))
+        # a shape is that of the fit: the effects that are asked for have none in the set
+        mean[4], sd[4] = fit.search[4], 1e-6
+        both = np.vstack([np.vstack(a) / 23**0.5, np.diag(1 / sd)])
+        right = np.concatenate([np.concatenate(y) / 23**0.5, mean / sd])
+        x = np.linalg.lstsq(both, right, rcond=None)[0]
+        squares = {c: [] for c in space.channels}
+        for m, r, (_, c) in zip(a, y, space.groups, strict=True):
+            squares[c].append((r - m @ x) ** 2)
+        evidence = sum(
+            search.compute_ln_likelihood(float(np.concatenate(s).mean()), len(np.concatenate(s)))
+            for s in squares.values()
+        )
+        assert max(np.concatenate(s).mean() for s in squares.values()) < 1.44
+        evidence += norm.logpdf(x, mean, sd).sum() - 0.5 * np.linalg.slogdet(both.T @ both)[1]
+        effects = [h for h in space.asked if h.id in ids]
+        values = space.values(x)
+        return evidence + search.compute_ln_size_odds(effects, values), x, np.linalg.inv(both.T @ both)
+
+    found, (evidence, x, covariance) = around.judge(frozenset(ids)), solve(ids)
+    np.testing.assert_allclose(list(found.values.values()), x, atol=1e-6)
+    assert found.evidence - 100.0 == pytest.approx(evidence - solve(members)[0], abs=1e-3)
+    slope = np.array([-2.0, 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(found.covariance, covariance * np.outer(slope, slope), rtol=1e-5, atol=1e-12)
+    assert [h.id for h in found.effects] == ids
+
+
 # ---- search, over sets whose evidence is known
 
 
@@ -369,6 +484,14 @@ def test_a_group_as_a_piece_has_the_signal_in_units_of_the_noise(turning):
     slow = Problem([make_prepared(speed=1.0)], CAR)
     np.testing.assert_allclose(Space(slow, [], []).compute_unit_yaw_rate(2), slow.weight[100:] / 3.0)
     assert [t.shape for t in s.compute_road_slopes(None, None, [residual])] == [(50, 0)]
+
+
+def test_the_speed_of_a_unit_yaw_rate_is_that_of_the_rear_wheels():
+    log = make_prepared()
+    log.inputs["wheel_speed_rear"] = np.full(300, 20.0 / 0.36)
+    car = Config.exact(CAR.as_dict() | {"wheel_radius_front": 0.3, "wheel_radius_rear": 0.36})
+    p = Problem([log], car)
+    np.testing.assert_allclose(Space(p, [], []).compute_unit_yaw_rate(2), p.weight[100:] / 20.0)
 
 
 def test_pieces_of_ten_seconds_are_dealt_to_five_folds():

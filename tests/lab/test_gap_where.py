@@ -266,6 +266,19 @@ def test_windows_are_those_of_each_log(monkeypatch):
     assert min(c.strength for c in found) > 0.999
 
 
+def test_windows_count_by_their_means_and_not_if_more_than_half_of_them_is_missing(monkeypatch):
+    """Each second window has 15 of 25 blocks, and the last one has 5."""
+    block = np.arange(25 * 24 + 5)
+    kept = (block // 25 % 2 == 0) | (block % 25 < 15)
+    speed = np.where(block < 600, 5.0 + 0.01 * block, 50.0)
+    p = make_windows(monkeypatch, 0.04, speed=speed[kept])
+    p.rows = replace(p.rows, time=np.tile(0.04 * block[kept] + 0.01, 2))
+    e = np.where(block < 600, speed, 0.0)[kept]
+    for c in where.find_conditions(p, np.tile(e, 2), {}):
+        assert c.condition == "high speed" and c.strength == pytest.approx(1.0)
+    assert len(where.find_conditions(p, np.tile(e, 2), {})) == 2
+
+
 @pytest.mark.parametrize(("windows", "there"), [(19, 0), (20, 2)])
 def test_few_windows_show_no_condition(monkeypatch, windows, there):
     speed = np.linspace(5.0, 30.0, 25 * windows)

@@ -20,7 +20,7 @@ from tse.gaps.catalogue import Own, load_catalogue
 from tse.gaps.drives import BURN_IN, Candidate, prepare_candidate
 from tse.gaps.fit import ChannelChange, Fit
 from tse.gaps.infer.detect import Detectable
-from tse.gaps.infer.hypotheses import make_latencies
+from tse.gaps.infer.hypotheses import make_hypotheses, make_latencies
 from tse.gaps.infer.naming import Named, Naming
 from tse.gaps.infer.remainder import Remainder
 from tse.gaps.infer.where import Condition, Entry
@@ -205,6 +205,23 @@ def test_held_out_logs_that_are_not_explained_are_said_by_channel():
     assert judge(name_effect(), elsewhere=there)[:2] == ("named", 10)
 
 
+def test_a_name_beside_a_formula_that_fails_elsewhere_is_not_the_answer():
+    assert judge(name_effect(), discovery=find_formula())[:2] == ("named", 10)
+    entries = [Entry("yaw moment", 12.0, 0.4, 100.0, "N m")]
+    doubtful = name_effect(probability=0.6)
+    verdict, code, words = judge(doubtful, discovery=find_formula(), elsewhere=[LEFT], entries=entries)
+    assert (verdict, code) == ("not_in_catalogue", 20)
+    assert words[1:] == [
+        "Together the named effects close 60 % of the gap; a further effect is missing that is not in "
+        "the catalogue.",
+        "The missing effect acts like a disturbance at: yaw moment.",
+        "A formula.",
+        "The model does not explain the held-out logs: yaw_rate 3.00 times the sensor noise.",
+    ]
+    words = judge(name_effect(), left=[LEFT], entries=entries)[2]
+    assert not any("disturbance at" in w for w in words)  # the names close most of the gap
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -232,6 +249,62 @@ def test_only_strengths_are_said_and_no_unit_of_pure_numbers():
     assert workflow._convert_name(n)["parameters"] == {
         "gain": {"value": 0.05, "ci95": [0.05, 0.05], "unit": "1"},
         "frequency": {"value": 1.5, "ci95": [1.5, 1.5], "unit": "Hz"},
+    }
+
+
+def test_each_axle_is_said_with_its_own_friction():
+    """1.25 times 1.2 is 1 / 0.67, and 1.25 times 0.8 is 1."""
+    saturation = load_catalogue()["tyre_saturation"]
+    values = {"tyre_saturation_inverse_friction": 1.25, "tyre_saturation_balance": 0.2}
+    named = Named(saturation, values, {k: (v, v) for k, v in values.items()}, 0.5, 40.0, 0.95)
+    assert ", friction 0.67 in front and 1.00 in the rear; probability" in workflow._describe_name(named)
+    for alike in (
+        values | {"tyre_saturation_balance": 0.0},
+        {"tyre_saturation_inverse_friction": 1.25},
+        {"tyre_saturation_balance": 0.2},
+    ):
+        assert workflow._describe_axle_friction(replace(named, values=alike)) == ""
+
+
+def name_road(effect: str, size: float) -> Named:
+    key = f"{effect}_angle"
+    ci95 = {key: (size - 0.002, size + 0.004)}
+    return Named(load_catalogue()[effect], {key: size}, ci95, 0.42, 40.0, 0.97)
+
+
+def test_a_road_is_said_in_degrees_with_its_laps_and_what_one_lap_cannot_tell():
+    assert workflow._describe_name(name_road("bank", 0.02)) == (
+        "The road banks by 1.1 degrees rms (95 %: 1 .. 1.4) (bank); probability 97 %, "
+        "it closes 42 % of the gap."
+    )
+    assert workflow._describe_name(name_road("grade", 0.03)) == (
+        "The road climbs and falls by 1.7 degrees rms (95 %: 1.6 .. 1.9) (grade); probability 97 %, "
+        "it closes 42 % of the gap. One lap cannot exclude that the accel_x bias varies by 0.29 m/s2."
+    )
+    laps = SimpleNamespace(path=[None], count=[0, 0, 0].count)
+    found = workflow.Found(make_naming(name_road("grade", 0.03)), roads=SimpleNamespace(laps=laps))
+    _, code, (said,) = workflow.judge_run(found, [], [])
+    assert "1.9), the same on 3 laps (grade);" in said and said.endswith("of the gap.") and code == 10
+
+
+def test_a_latency_of_two_names_has_the_interval_of_both(config):
+    """The IMU is early by 20 +- 3 ms, the wheels are late by 10 +- 4 ms beside it."""
+    effects = {e.id: e for e in make_latencies()} | {"imu_delay": load_catalogue()["imu_delay"]}
+    named = []
+    for i, key, x, half in (
+        ("imu_delay", "imu_delay_time", -0.02, 0.003),
+        ("wheel_speed_latency", "wheel_speed_latency", 0.01, 0.004),
+    ):
+        named.append(Named(effects[i], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
+    values = {k: v for n in named for k, v in n.values.items()}
+    found = workflow.list_sensor_corrections(
+        make_problem(config), make_naming(*named, fit=make_fit(None, values))
+    )
+    wheel = (pytest.approx(0.03), pytest.approx([0.025, 0.035]))
+    assert {s["id"]: (s["value"], s["ci95"]) for s in found} == {
+        "steer_angle_latency": (pytest.approx(0.02), pytest.approx([0.017, 0.023])),
+        "wheel_speed_front_latency": wheel,
+        "wheel_speed_rear_latency": wheel,
     }
 
 
@@ -320,6 +393,44 @@ def test_a_document_without_a_place_or_a_formula_says_so(config):
     assert none["formula"] == {"proposed": None, "tried": []}
 
 
+def test_the_document_has_each_list_under_its_own_name(config):
+    named = name_effect(probability=0.91, share=0.6, alone=0.7, whole=0.95, look_alikes=["cg"])
+    naming = make_naming(named, closed=0.55, possible=[{"id": "mass", "probability": 0.2, "why": "x"}])
+    naming.sets = [{"ids": ["body_roll"], "probability": 0.9}]
+    first, second = stages.Stage(1.0, 2.0, 3.0, 4.0, 5.0), stages.Stage(6.0, 7.0, 8.0, 9.0, 10.0)
+    found = make_result(
+        config,
+        naming=naming,
+        stages={"fit": {"yaw_rate": first}, "held_out": {"accel_y": second}},
+        undetectable=[make_detectable("mass", 2.0)],
+        detectable=[make_detectable("relaxation", 0.5)],
+        rivals=["a rival"],
+        notes=["a note"],
+        elsewhere=[NOISE],
+    ).as_json()
+    assert found["effects"] == [
+        {
+            "id": "body_roll",
+            "probability": 0.91,
+            "parameters": {
+                "gain": {"value": 0.01, "ci95": pytest.approx([0.009, 0.011]), "unit": "rad s2/m"}
+            },
+            "share_of_gap_closed": 0.6,
+            "evidence": 40.0,
+            "look_alikes": ["cg"],
+        }
+    ]
+    assert (found["possible"], found["sets"], found["closed"]) == (naming.possible, naming.sets, 0.55)
+    names = ("signal", "filed", "calibrated", "named", "noise")
+    assert found["stages"] == {
+        "fit": {"yaw_rate": dict(zip(names, (1.0, 2.0, 3.0, 4.0, 5.0), strict=True))},
+        "held_out": {"accel_y": dict(zip(names, (6.0, 7.0, 8.0, 9.0, 10.0), strict=True))},
+    }
+    assert [d["id"] for d in found["undetectable"]] == ["mass"] and found["sensors"] == []
+    assert (found["rivals"], found["notes"], found["words"]) == (["a rival"], ["a note"], ["w"])
+    assert [r["channel"] for r in found["remainder"]] == ["yaw_rate"] and found["verdict"] == "named"
+
+
 # ---- steps of a run
 
 
@@ -365,6 +476,10 @@ def test_a_held_out_log_gets_the_first_road_that_it_is_on(config, monkeypatch):
         "a.csv is on the same road as fitted logs: the second",
         "c.csv is on the same road as fitted logs: the first",
     ]
+    marked = Path("in time")
+    monkeypatch.setattr(workflow, "remove_latencies", lambda log, _: replace(log, path=marked))
+    placed = workflow.place_on_roads(["first"], held, ready, logs, config, notes)
+    assert [log.path for log in placed.logs] == [marked] * 3 and placed.logs[1].road == {}
 
 
 @pytest.mark.parametrize(("size", "left"), [(0.0, True), (0.01, False)])
@@ -503,6 +618,76 @@ def test_a_calibration_has_the_stiffness_as_logarithm_about_0():
     assert found["covariance"][1, k] == pytest.approx(0.006 / 0.9)
 
 
+class MadeUpSpace:
+    """The unknowns of a fit that is made up; each has the sd 0.5."""
+
+    names = (
+        "cx_front", "cy_front", "cy_rear", "gyro_scale_error", "relaxation_length", "body_roll_gain",
+    )  # fmt: skip
+
+    def __init__(self, problem, effects, ids):
+        self.problem, self.ids = problem, ids
+        self.parameters = [SimpleNamespace(name=n) for n in self.names]
+        self.sd = np.full(6, 0.5)
+
+    def to_search(self, values):
+        return values
+
+
+@pytest.mark.parametrize("gap", [1.2, 1.21])
+def test_the_posterior_is_that_of_what_is_fitted_and_of_what_has_a_prior(monkeypatch, config, gap):
+    """Body roll has no prior sd and is not fitted, so it is left out."""
+    spaces, asked, rng = [], [], np.random.default_rng(2)
+    root = rng.standard_normal((6, 6))
+    own = 1e-3 * root @ root.T
+
+    def fit(space, mean, max_steps, near):
+        spaces.append((space, mean))
+        assert max_steps == 0 and near
+        return SimpleNamespace(covariance=own.copy(), residuals=len(spaces))
+
+    class Car:
+        def __init__(self, fixed):
+            self.config, self.fixed = config, fixed
+            self.nominal = {"relaxation_length": 0.3, "body_roll_gain": 0.0}
+
+        def holding(self, values):
+            return Car(self.fixed | values)
+
+    monkeypatch.setattr(posterior, "Space", MadeUpSpace)
+    monkeypatch.setattr(posterior.engine, "fit", fit)
+    monkeypatch.setattr(posterior, "compute_gap", lambda *_: {"accel_x": gap, "yaw_rate": 9.0})
+    monkeypatch.setattr(posterior, "estimate_model_sd", lambda *x: asked.append(x) or 0.06)
+    monkeypatch.setattr(
+        posterior, "estimate_longitudinal", lambda c, fixed, logs, car: (np.log(1.2 if logs else 9), 0.05)
+    )
+    car = SimpleNamespace(
+        values={"mass_sd": 0.1, "gyro_scale_sd": 0.03, "relaxation_sd": 0.2, "model_sd": 0.04}
+    )
+    gyro = load_catalogue()["gyro_scale"].strengths[0]
+    values = {"cx_front": 1.1, "cy_front": 0.9, "gyro_scale_error": 0.02}
+    last = Fit([*STIFFNESS_PARAMETERS, gyro], values, np.zeros(0), np.zeros((0, 4)))
+    spread = np.diag([0.0, 0.01, 0.02])
+    found = posterior.compute_posterior(Car({}), last, car, {"formula_gain": 2.0}, ["a log"], spread)
+    assert found.names == MadeUpSpace.names[:5] and found.model_sd == 0.06
+    (space, mean), (bare, _) = spaces
+    assert set(space.ids) == {"gyro_scale", "relaxation"}
+    assert space.problem.fixed == values | {"formula_gain": 2.0} and bare.problem.fixed == values
+    assert asked == [(bare, 2, 0.04)]  # what a formula explains is an error of the filter's model
+    np.testing.assert_allclose(space.sd, [0.5, 0.5, 0.5, 0.5, 0.2, 0.5])
+    np.testing.assert_allclose(mean, [1.1, 0.9, 1.0, 0.02, 0.3, 0.0])
+    np.testing.assert_allclose(space.information, np.diag([4.0, 4.0, 4.0, 4.0, 25.0, 4.0]))
+    expected, x = own[:5, :5].copy(), np.array([1.1, 0.9, 1.0, 0.02, 0.3])
+    if gap > 1.2:  # what the simulation does not explain shows no longitudinal stiffness
+        x[0] = 1.2
+        expected[0] = expected[:, 0] = 0.0
+        expected[0, 0] = (0.05 * 1.2) ** 2
+    np.testing.assert_allclose(found.values, x)
+    scale = np.outer(x[:3], x[:3])
+    expected[:3, :3] += (0.1**2 + spread) * scale
+    np.testing.assert_allclose(found.covariance, expected)
+
+
 def test_a_fitted_stiffness_is_its_ratio_times_the_setting_within_its_limits(config):
     found = add.convert_stiffness(config, {"cx_front": 1.2, "cy_front": 0.9})
     expected = {
@@ -554,6 +739,52 @@ def test_the_improved_file_has_the_effects_with_intervals_and_look_alikes(
     assert "closes 60 % of the gap, evidence 40 nats" in text
     assert "These logs cannot exclude mass in its place." in text
     assert "not written: a profile over the distance belongs to the road" in text
+
+
+def test_the_posterior_of_the_improved_file_is_of_the_fitted_logs_with_the_formula(
+    monkeypatch, vehicle_path, config
+):
+    asked, problem = [], make_problem(config)
+    monkeypatch.setattr(add, "compute_posterior", lambda *x: asked.append(x) or KNOWN)
+    lean = Named(
+        next(h.effect for h in make_hypotheses() if h.id == "superelevation"),
+        {"bank_superelevation": 0.1}, {"bank_superelevation": (0.08, 0.12)}, 0.3, 20.0,
+    )  # fmt: skip
+    naming = make_naming(lean, fit=make_fit(problem, lean.values))
+    naming.spread = np.eye(3)
+    car = read_vehicle(vehicle_path)
+    found = workflow.Found(naming, find_formula(fit=make_fit(problem, lean.values | {"cy_front": 1.1})))
+    found.read = [("fit", "a"), ("held_out", "b"), ("fit", "c")]
+    text = add.make_vehicle_toml(car, problem, found)
+    ((given, fit, vehicle, settings, logs, spread),) = asked
+    assert given is problem and fit is found.final and vehicle is car and spread is naming.spread
+    assert settings == FORMULA.settings() and logs == ["a", "c"]
+    (line,) = [x for x in text.splitlines() if x.startswith("superelevation = ")]
+    assert line.startswith("superelevation = 0.1 ") and line.endswith("95 %: 0.08 .. 0.12")
+    assert "closes 30 % of the gap, evidence 20 nats" in text
+    assert "# Fitted together: stiffness, superelevation, a formula." in text
+
+
+def test_the_files_of_the_car_have_the_same_values_and_no_formula_of_an_earlier_run(
+    monkeypatch, vehicle_path, config, tmp_path
+):
+    monkeypatch.setattr(add, "compute_posterior", lambda *_: KNOWN)
+    problem = make_problem(config)
+    naming = make_naming(name_effect(), fit=make_fit(problem, {"body_roll_gain": 0.01}))
+    fit = make_fit(problem, {"body_roll_gain": 0.01})
+    paths = add.write_vehicle(tmp_path, vehicle_path, problem, workflow.Found(naming, find_formula(fit=fit)))
+    assert [p.name for p in paths] == ["vehicle_improved.toml", "effects.h"]
+    there = [tmp_path / "formula.toml", tmp_path / "tse_formula.h"]
+    assert add.write_formula_files(tmp_path, paths[0]) == there and all(p.exists() for p in there)
+    first = read_vehicle(paths[0])
+    assert first.formula.text == FORMULA.text and "k * vel_y" in there[0].read_text(encoding="utf-8")
+    assert paths[1].read_text(encoding="utf-8") == add.make_header(first)
+    again = tmp_path / "again"
+    again.mkdir()
+    kept, _ = add.write_vehicle(again, paths[0], problem, workflow.Found(naming))  # its own formula
+    assert read_vehicle(kept).formula.text == FORMULA.text
+    bare, _ = add.write_vehicle(tmp_path, vehicle_path, problem, workflow.Found(naming))
+    assert read_vehicle(bare).formula is None and not any(p.exists() for p in there)
 
 
 def test_an_improved_file_without_effects_says_so(monkeypatch, vehicle_path, config):
@@ -822,6 +1053,27 @@ def test_of_both_hidden_effects_the_one_that_is_harder_to_separate_counts(
     ]
 
 
+def test_the_other_effect_is_fitted_from_its_typical_size_with_shapes_of_the_typical_range(
+    config, monkeypatch
+):
+    pair, given = (load_catalogue()["relaxation"], load_catalogue()["steering_lag"]), []
+
+    def fit(problem, parameters, start, most=12, tolerance=1e-4):
+        given.append((list(parameters), dict(start), most, tolerance))
+        return make_fit(problem, {"cy_front": 0.9})
+
+    monkeypatch.setattr(plan, "fit_parameters", fit)
+    plan.compute_worth(make_candidate(), config, *pair)
+    plain, lag, _, relaxation = given
+    assert plain == (list(STIFFNESS_PARAMETERS), {}, 12, 1e-6)
+    problem = make_problem(config)
+    for found, other in ((lag, pair[1]), (relaxation, pair[0])):
+        assert found[1:] == ({"cy_front": 0.9} | plan.make_typical_values(problem, other), 30, 1e-6)
+    (shape,) = pair[1].shapes
+    assert (lag[0][-1].low, lag[0][-1].high) == (shape.typical_low, shape.typical_high)
+    assert lag[0][-2] == pair[1].strengths[0]
+
+
 # ---- a whole run, whose slow steps are made up
 
 
@@ -956,6 +1208,92 @@ def test_roads_that_explain_nothing_are_level(whole):
     assert found.problem is found.level and found.roads.found == []
     whole.patch.setattr(workflow, "closes_part", lambda *_: True)
     assert whole.run().problem is not found.level
+
+
+def test_a_road_that_is_known_is_that_of_all_logs(whole):
+    asked, other = [], {"fitted": "held", "held": "fitted"}
+    whole.patch.setattr(
+        workflow, "add_road", lambda log, road, config: asked.append((log, road)) or (other[log], None)
+    )
+    found = whole.run(hold_out=["held"], road="way")
+    assert asked == [("fitted", "way"), ("held", "way")]
+    assert found.read == [("fit", "held"), ("held_out", "fitted")]
+    assert found.level.logs[0].notes == ["note of held"] and found.held.logs[0].notes == ["note of fitted"]
+
+
+def test_each_log_is_compared_without_its_latencies(whole):
+    marked = Path("in time")
+    whole.patch.setattr(workflow, "remove_latencies", lambda log, _: replace(log, path=marked))
+    found = whole.run(hold_out=["held"])
+    for problem in (found.level, found.problem, found.held_level):
+        assert [log.path for log in problem.logs] == [marked]
+    roads, held, ready, logs, config, notes = whole.seen["place_on_roads"][0]
+    assert (ready[0].notes, logs, config) == (["note of held"], ["held"], whole.config)
+    assert held is found.held_level and ready[0].path != marked and roads == [] and notes is found.notes
+
+
+def test_a_formula_of_an_excerpt_is_fitted_to_all_logs_and_acts_in_all_that_is_said(whole):
+    """Excerpts of the fitted and of the held-out logs are searched.
+
+    The road of the fitted logs and what the formula explains are told apart.
+    """
+    (log,) = prepare_candidate(make_candidate(3.0), whole.config)
+    few = Problem([replace(log, road={"bank": np.zeros(len(log.time))})], whole.config)
+    few_held, excerpts = few.of([log]), []
+
+    def choose(problem, fit):
+        excerpts.append(problem)
+        return (few, few_held)[len(excerpts) - 1]
+
+    first, later = find_formula(), find_formula()
+    last = make_naming(name_effect(value=0.02), fit=make_fit(None, {"body_roll_gain": 0.02}))
+    refits, simulated = [], []
+
+    def refit(problem, final, discovery):
+        refits.append((final, discovery))
+        values = {"body_roll_gain": 0.03, Own("bank", 0, 0): 0.1}
+        later.fit = make_fit(problem, values, 1.7)
+        return later
+
+    def simulate_again(problem, values):
+        simulated.append((problem, dict(values)))
+        return np.full(len(problem.weight), 1.0 + len(simulated))
+
+    last.baseline = make_fit(Problem(prepare_candidate(make_candidate(), whole.config), whole.config),
+                             {"cy_front": 1.3}, 2.5)  # fmt: skip
+    whole.patch.setattr(workflow, "is_long", lambda _: True)
+    whole.patch.setattr(workflow, "choose_excerpt", choose)
+    whole.patch.setattr(
+        workflow.name, "fit_plain_car", lambda p: make_fit(p, {"on": bool(p.logs[0].road)}, 2.0)
+    )
+    whole.patch.setattr(workflow.name, "refit_on_all", lambda *_: last)
+    whole.patch.setattr(workflow.search, "refit_on_all", refit)
+    whole.patch.setattr(workflow.Problem, "compute_residuals", simulate_again)
+    explained = []
+    whole.patch.setattr(
+        workflow, "explain_remainder", lambda *x: explained.append(x) or (first, whole.naming, ["a rival"])
+    )
+    whole.patch.setattr(workflow, "leaves_something", lambda held, naming: held is few_held)
+    found = whole.run(hold_out=["held"])
+    assert excerpts == [found.problem, found.held] and explained[0][:2] == (few, few_held)
+    problem, baseline = whole.seen["find_entries"][0]
+    assert problem is few and baseline.values == {"on": False}
+    assert len(baseline.residuals) == len(few.weight)
+    assert whole.seen["find_conditions"][0][0] is found.level
+    assert refits == [(last.final, first)] and found.discovery is later and found.naming is not last
+    settings = {"body_roll_gain": 0.03} | FORMULA.settings()
+    assert simulated == [(found.held, settings), (found.held_level, {"cy_front": 1.3})]
+    change = found.held_out["yaw_rate"]
+    assert (change.before, change.after) == pytest.approx((3.0, 2.0))
+    fitted, held = whole.seen["compute_stages"]
+    assert fitted[3] == (found.problem, settings | {Own("bank", 0, 0): 0.1})
+    assert held[3] == (found.held, settings)
+    assert found.fit_after == pytest.approx(dict.fromkeys(MEASURES, 1.7))
+    assert found.fit_before == pytest.approx(dict.fromkeys(MEASURES, 2.5))
+    problem, residuals, values, limit = whole.seen["find_remainders"][-1]
+    assert problem is found.problem and residuals is later.fit.residuals
+    assert values is later.fit.values and limit == 1.2
+    assert found.naming.named[0].values == {"body_roll_gain": 0.03}
 
 
 def test_a_fit_that_has_not_converged_is_said_and_a_log_that_cannot_be_compared_is_refused(whole):
