@@ -355,6 +355,30 @@ def test_a_formula_is_fitted_with_the_stiffness_and_judged_with_all_weights():
     np.testing.assert_allclose(found.fit.jacobian / scale, slopes / scale, atol=0.05)
 
 
+def test_a_formula_is_fitted_with_balanced_weights_and_its_slopes_are_of_the_noise(monkeypatch):
+    """Residuals of accel_x have the rms 5, so they get a fifth of their weight."""
+    p, asked = Problem([make_prepared(steer=0.01)], CAR), []
+    e = np.tile([1.0, -1.0], 75) * np.repeat([5.0, 0.5, 1.0], 50)
+    frame = search.Frame.of(p, Fit(list(STIFFNESS_PARAMETERS), {"cy_rear": 0.9}, e, np.zeros((150, 3))))
+
+    def fit(problem, parameters, start, most):
+        asked.append((problem.weight, problem.fixed, start, most))
+        return Fit(list(parameters), {"cy_rear": 0.8, "formula_a": -2.0}, e, np.ones((150, 4)))
+
+    monkeypatch.setattr(search, "fit_parameters", fit)
+    formula = terms.make_formula("yaw_moment", FormulaTerm("yaw_rate", (0, -1)), -1.0)
+    found = search.refit(frame, formula, {"k": (-10.0, 10.0)}, 4.0)
+    ((weight, fixed, start, most),) = asked
+    np.testing.assert_allclose(weight / p.weight, np.repeat([0.2, 1.0, 1.0], 50))
+    assert fixed == {"cy_rear": 0.9} | formula.settings() and most == 15
+    assert start == {"cy_rear": 0.9, "formula_a": -1.0}
+    np.testing.assert_allclose(found.fit.jacobian[:, 0], np.repeat([5.0, 1.0, 1.0], 50))
+    (k,) = found.formula.numbers
+    assert k.value == -2.0 and found.fit.values == {"cy_rear": 0.8, "formula_a": -2.0}
+    whole = p.compute_residuals({"cy_rear": 0.8} | found.formula.settings())
+    np.testing.assert_allclose(found.fit.residuals, whole)
+
+
 # ---- choice
 
 

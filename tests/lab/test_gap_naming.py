@@ -377,17 +377,36 @@ def test_names_are_fitted_again_with_shifted_intervals(turned):
     road = Named(KNOWN["bank"], {"bank_angle": 0.1}, {"bank_angle": (0.0, 0.2)}, 0.1, 1)
     before = make_naming([heavy, name_gyro(0.02), road], 0.2)
     before.final.values = {"gyro_scale_error": 0.02, "mass_change": 0.1, Own("bank", 0, 0): 0.1}
+    before.converged = False
     level = Fit([], {}, turned.compute_residuals({}) * 2.0, np.zeros((300, 0)))
     found = naming._refit_names(turned, before, frozenset({"gyro_scale", "mass"}), level)
     assert [n.effect.id for n in found.named] == ["gyro_scale", "bank"]  # no mass is left
     gyro = found.named[0]
     assert gyro.values["gyro_scale_error"] == pytest.approx(0.03, abs=1e-3)
     low, high = gyro.ci95["gyro_scale_error"]
-    assert (0.03 - low, high - 0.03) == pytest.approx((0.02, 0.01), abs=1e-3)
+    assert (0.03 - low, high - 0.03) == pytest.approx((0.02, 0.01), abs=1e-3) and found.converged
     assert found.closed == pytest.approx(1.0) and found.baseline is level and found.named[1] is road
     none = naming._refit_names(turned, before, frozenset(), level)
     assert [n.effect.id for n in none.named] == ["bank"] and 0.3 < none.closed < 0.95
-    assert set(none.final.values) == {"cx_front", "cy_front", "cy_rear"}
+    assert set(none.final.values) == {"cx_front", "cy_front", "cy_rear"} and not none.converged
+
+
+def test_a_fit_of_names_has_their_values_alone():
+    """What a set has beside its effects, a little of all others, is not in the fit."""
+    judged, asked = make_set(mass_change=0.1), []
+    judged.values["gyro_scale_error"] = 0.001
+    parameters = [*STIFFNESS_PARAMETERS, *KNOWN["gyro_scale"].strengths, *KNOWN["mass"].strengths]
+    judged.space = SimpleNamespace(parameters=parameters)
+    problem = SimpleNamespace(
+        compute_residuals=lambda values: asked.append(dict(values)) or np.full(2, 3.0),
+        compute_jacobian=lambda values, base, of: np.full((2, len(of)), base[0] + values["mass_change"]),
+    )
+    found = naming.convert_to_fit(problem, judged)
+    values = dict.fromkeys(("cx_front", "cy_front", "cy_rear"), 1.0) | {"mass_change": 0.1}
+    assert asked == [values] and found.values == values
+    assert [p.name for p in found.parameters] == list(values)
+    np.testing.assert_array_equal(found.jacobian, np.full((2, 4), 3.1))
+    assert naming.convert_to_fit(problem, judged, slopes=False).jacobian.shape == (2, 0)
 
 
 @pytest.mark.parametrize(
@@ -618,7 +637,7 @@ def decide(monkeypatch):
     what the other names leave.
     """
 
-    def run(best, *others, sizes=None, alone=None, roads=()):
+    def run(best, *others, sizes=None, alone=None, roads=(), level=None):
         sizes, alone = dict(best.values) | (sizes or {}), alone or {}
         sets = {s.ids: s for _, s in others} | {best.ids: best}
         weights = {s.ids: p for p, s in others}
@@ -627,35 +646,42 @@ def decide(monkeypatch):
 
         def judge(ids, values, like, rough):
             effects = tuple(h for i, h in known.items() if i in ids)
-            return replace_set(best, effects)
+            return sets.get(frozenset(ids)) or replace_set(best, effects)
 
         def replace_set(s, effects):
             return SimpleNamespace(
                 **(vars(s) | {"effects": effects, "ids": frozenset(h.id for h in effects)})
             )
 
-        best.converged = True
+        for s in sets.values():
+            s.converged = True
         search = make_search(*((p, sets[i]) for i, p in weights.items()))
         search.run, search.judge = lambda: best, judge
         problem, e = make_groups(("accel_y", [3.0] * 4))
         plain = Fit([], {}, e, np.zeros((4, 0)))
         monkeypatch.setattr(naming, "Search", lambda *_: search)
         monkeypatch.setattr(naming, "fit_plain_car", lambda p: plain)
-        monkeypatch.setattr(
-            naming, "fit_alone", lambda p, effects, values: SimpleNamespace(effects=effects, values=sizes)
-        )
+        run.plain, run.sized, run.roads = plain, [], []
+
+        def fit_alone(problem, effects, values):
+            run.sized.append([h.id for h in effects])
+            return SimpleNamespace(effects=effects, values=sizes)
+
+        monkeypatch.setattr(naming, "fit_alone", fit_alone)
+        monkeypatch.setattr(naming, "name_roads", lambda p, *given: run.roads.append(given) or [])
         monkeypatch.setattr(
             naming, "convert_to_fit", lambda p, s: replace(plain, residuals=e / 3 * np.sqrt(3))
         )
 
         def make_named(p, s, final, sized, last, h, probability, full):
-            assert full == pytest.approx(4 * (9 - 1)) and sized.values is sizes
+            rms = 3 if level is None else level.residuals[0]
+            assert full == pytest.approx(4 * (rms**2 - 1)) and sized.values is sizes
             item = naming._make_sized_name(h, best, probability)
             item.alone = alone.get(h.id, 0.9)
             return item
 
         monkeypatch.setattr(naming, "_make_named", make_named)
-        return naming.name_effects(problem, [], roads=roads)
+        return naming.name_effects(problem, [], baseline=level, roads=roads)
 
     return run
 
@@ -691,6 +717,22 @@ def test_a_name_is_lost_by_a_negligible_size_by_a_wide_interval_and_by_a_small_s
     assert len(edge.named) == 3
     lean = make_set(sd=1e-3, bank_superelevation=0.1)
     assert list_reasons(decide(lean, alone={"superelevation": 0.0}))[0] == ["superelevation"]
+
+
+def test_only_what_is_still_named_is_fitted_and_the_gap_is_that_of_the_level_road(decide):
+    """The gap on level roads is 4 (16 - 1), and the names leave 4 (3 - 1) of it."""
+    best = make_set(sd=1e-3, mass_change=0.1, gyro_scale_error=0.02)
+    other = make_set(sd=1e-3, mass_change=0.1, cy_front=0.9)
+    level = Fit([], {}, np.full(4, 4.0), np.zeros((4, 0)))
+    found = decide(best, (0.2, other), roads=["a road"], level=level)
+    assert decide.sized == [["mass"]] and list_reasons(found)[0] == ["mass"]
+    assert decide.roads == [(level, decide.plain, ["a road"])] and found.baseline is level
+    assert found.closed == pytest.approx(1.0 - 8.0 / 60.0)
+    expected = np.zeros((3, 3))
+    expected[1, 1] = 0.8 * np.log(0.9) ** 2  # about the set that is named
+    np.testing.assert_allclose(found.spread, expected, atol=1e-12)
+    decide(best, sizes={"mass_change": 0.01})
+    assert [set(ids) for ids in decide.sized] == [{"mass", "gyro_scale"}, {"gyro_scale"}]
 
 
 def test_what_is_possible_is_listed_from_ten_percent_on_the_likeliest_first(decide):

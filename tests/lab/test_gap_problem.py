@@ -5,6 +5,7 @@ Logs are a few seconds long and have no files.
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -112,6 +113,12 @@ def test_each_residual_has_its_log_channel_time_and_group():
     np.testing.assert_array_equal(np.flatnonzero(rows.of("accel_x")), np.arange(50))
 
 
+def test_blocks_are_numbered_through_all_logs():
+    """Logs of 3, 4 and 3 s, of which the first second of each is not compared."""
+    logs = [make_prepared(rows=n, measured={"yaw_rate": 0.0}) for n in (300, 400, 300)]
+    np.testing.assert_array_equal(Problem(logs, CAR).rows.block, np.arange(50 + 75 + 50))
+
+
 def test_a_block_has_the_weight_of_its_values_and_none_if_half_of_them_are_missing():
     p = make_two_logs()
     np.testing.assert_allclose(p.weight[:50], np.sqrt(4) / NOISE["accel_x"])
@@ -189,6 +196,31 @@ def test_a_simulation_is_averaged_over_the_rows_that_were_measured():
     x = simulate(heavy, p.logs[0], channels, ratios, {"bank": knots}, {"accel_y": 0.02})
     x["yaw_rate"] = np.where(np.isnan(measured["yaw_rate"]), np.nan, x["yaw_rate"])
     np.testing.assert_allclose(p.predict(values), np.concatenate([average(x[c]) for c in channels]))
+
+
+def test_what_one_log_lacks_does_not_act_on_another():
+    steer = 0.02 * np.sin(4.0 * 0.01 * np.arange(300))
+    gap = np.where(np.arange(300) % 4 == 1, np.nan, 0.0)
+    logs = [
+        make_prepared("whole", steer=steer, measured={"yaw_rate": 0.0}),
+        make_prepared("holes", steer=steer, measured={"yaw_rate": gap}),
+    ]
+    whole, holes = Problem(logs, CAR).predict({}).reshape(2, -1)
+    np.testing.assert_allclose(whole, Problem(logs[:1], CAR).predict({}))
+    np.testing.assert_allclose(holes, Problem(logs[1:], CAR).predict({}))
+    assert np.abs(whole - holes).max() > 1e-4
+
+
+def test_a_slope_is_at_the_values_of_all_other_parameters():
+    p = steer_log()
+    asked = [make_parameter("mass_change"), make_parameter("gyro_scale_error")]
+    values = {"mass_change": 0.1, "gyro_scale_error": 0.2, "cy_front": 0.7}
+    base = p.compute_residuals(values)
+    found = p.compute_jacobian(values, base, asked)
+    for j, x in enumerate(asked):
+        moved = p.compute_residuals(values | {x.name: values[x.name] + x.step})
+        np.testing.assert_allclose(found[:, j], (moved - base) / x.step, rtol=1e-9, atol=1e-9)
+        assert found[:, j].any()
 
 
 def test_quantities_of_a_simulation_are_repeated_for_each_channel_of_their_log():
@@ -447,6 +479,25 @@ def test_the_interval_of_a_change_is_that_of_blocks_of_two_seconds_of_each_log()
     assert found.change == pytest.approx(0.0, abs=1e-9)
     assert found.ci95 == (pytest.approx(-half, rel=0.1), pytest.approx(half, rel=0.1))
     assert not found.better
+
+
+def test_both_models_are_drawn_in_the_same_blocks():
+    """Residuals that are halved everywhere are halved for certain."""
+    problem, _ = make_groups(("yaw_rate", [0.0] * 1000))
+    before = 1.0 + np.arange(1000.0) // 50
+    found = fitting.compare_models(problem, before, 0.5 * before)["yaw_rate"]
+    assert found.ci95 == pytest.approx((-0.5, -0.5)) and found.change == pytest.approx(-0.5)
+
+
+def test_a_fit_that_fails_is_its_start(monkeypatch):
+    asked = [make_parameter("p0", default=0.1), make_parameter("p1", prior=0.5), make_parameter("p2")]
+    failed = SimpleNamespace(x=np.full(3, np.nan), fun=np.full(31, np.nan), jac=np.full((31, 3), np.nan))
+    monkeypatch.setattr(fitting, "least_squares", lambda *_, **__: failed)
+    p = make_linear()
+    found = fitting.fit_parameters(p, asked, {"p1": 0.2})
+    assert found.values == pytest.approx({"p0": 0.1, "p1": 0.2, "p2": 0.0})
+    np.testing.assert_allclose(found.residuals, p.y - p.a @ [0.1, 0.2, 0.0])
+    np.testing.assert_array_equal(found.jacobian, -p.a)
 
 
 def test_what_one_process_returns_is_whole():

@@ -160,6 +160,30 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
 
 
+@pytest.mark.parametrize(("rms", "formulas"), [(2.01, [None, "k*x"]), (1.5, ["k*x", None])])
+def test_a_name_is_as_probable_as_in_its_search_times_its_worlds(monkeypatch, rms, formulas):
+    """The fits of all worlds are made again, and the likeliest world is shown first."""
+    one, nothing = make_naming(99.0, "mass"), make_naming(98.0)
+    one.named[0].probability, one.closed, one.baseline, nothing.possible = 0.95, 0.9, fit(10.0), []
+    again = {id(one.final): fit(2.0), id(nothing.final): fit(10.0)}
+    found = SimpleNamespace(fit=fit(rms), values={}, price=6.0, formula=SimpleNamespace(text="k*x"))
+    monkeypatch.setattr(rivals, "refit_world", lambda _, last: again[id(last)])
+    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
+    monkeypatch.setattr(
+        rivals,
+        "discover_formula",
+        lambda _p, last, *_: found if last is again[id(nothing.final)] else SimpleNamespace(formula=None),
+    )
+    monkeypatch.setattr(rivals.name, "drop_names", lambda *_: nothing)
+    _, naming, shown = rivals.explain_remainder(make_one_log_problem(), None, one, lambda _: None)
+    assert [w["formula"] for w in shown] == formulas
+    assert [n.effect.id for n in naming.named] == (["mass"] if formulas[0] is None else [])
+    for n in naming.named:
+        share = shown[0]["probability"]
+        assert 0.9 < share < 0.95
+        assert n.probability == pytest.approx(0.95 * share) and n.whole == pytest.approx(share)
+
+
 def test_a_name_that_a_formula_leaves_nothing_of_is_not_kept(monkeypatch):
     """Beside the formula its interval, as wide as before, holds zero."""
     effect = load_catalogue()["gyro_scale"]

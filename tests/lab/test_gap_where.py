@@ -191,6 +191,38 @@ def test_the_evidence_of_a_place_is_that_of_normal_residuals(monkeypatch):
     assert places[:2] == ["front axle", "road (bank)"]
 
 
+def test_the_evidence_of_logs_is_summed_and_each_is_seen_beside_its_own_fit(monkeypatch):
+    """The second log has accel_x as well, which shows no lateral disturbance."""
+    rng = np.random.default_rng(11)
+    lateral = {"accel_y": 0.0, "yaw_rate": 0.0}
+    logs = [make_prepared("a", measured=lateral), make_prepared("b", measured=lateral | {"accel_x": 0.0})]
+    p = Problem(logs, Config.exact())
+    response, jacobian = rng.standard_normal((250, 7)), rng.standard_normal((250, 2))
+    e = response @ rng.standard_normal(7) + rng.standard_normal(250)
+    at = [{"dt": np.full(50, 0.04), "accel_y": rng.standard_normal(50)}] * 2
+    monkeypatch.setattr(where, "compute_signals", lambda *_: at)
+    monkeypatch.setattr(where, "compute_responses", lambda *_: response)
+    monkeypatch.setattr(where, "PLACES", {"yaw moment": "yaw_moment"})
+    (found,) = where.find_entries(p, Fit([], {}, e, jacobian))
+    parts = []
+    for i in (0, 1):
+        rows = (p.rows.log == i) & ~p.rows.of("accel_x")
+        rest = np.eye(100) - jacobian[rows] @ np.linalg.pinv(jacobian[rows])
+        parts.append((rest @ response[rows], rest @ e[rows]))
+    unit = np.sqrt(200 / sum(np.sum(a**2) for a, _ in parts))
+    nats = []
+    for s in unit * 2.0 ** np.arange(-3, 6):
+        nats.append(0.0)
+        for a, r in parts:
+            c = np.eye(100) + s**2 * a @ a.T
+            nats[-1] += 0.5 * (r @ r - r @ np.linalg.solve(c, r) - np.linalg.slogdet(c)[1])
+    assert found.nats == pytest.approx(max(nats), rel=1e-6)
+    assert found.size == pytest.approx(unit * 2.0 ** (int(np.argmax(nats)) - 3))
+    s = found.size
+    taken = sum(r @ a @ np.linalg.solve(a.T @ a + np.eye(7) / s**2, a.T @ r) for a, r in parts)
+    assert found.share == pytest.approx(taken / sum(r @ r for _, r in parts), rel=1e-6)
+
+
 # ---- conditions
 
 

@@ -1056,7 +1056,7 @@ def test_of_both_hidden_effects_the_one_that_is_harder_to_separate_counts(
 def test_the_other_effect_is_fitted_from_its_typical_size_with_shapes_of_the_typical_range(
     config, monkeypatch
 ):
-    pair, given = (load_catalogue()["relaxation"], load_catalogue()["steering_lag"]), []
+    pair, given = (load_catalogue()["relaxation"], load_catalogue()["rear_roll_steer"]), []
 
     def fit(problem, parameters, start, most=12, tolerance=1e-4):
         given.append((list(parameters), dict(start), most, tolerance))
@@ -1064,14 +1064,15 @@ def test_the_other_effect_is_fitted_from_its_typical_size_with_shapes_of_the_typ
 
     monkeypatch.setattr(plan, "fit_parameters", fit)
     plan.compute_worth(make_candidate(), config, *pair)
-    plain, lag, _, relaxation = given
+    plain, roll, _, relaxation = given
     assert plain == (list(STIFFNESS_PARAMETERS), {}, 12, 1e-6)
     problem = make_problem(config)
-    for found, other in ((lag, pair[1]), (relaxation, pair[0])):
+    for found, other in ((roll, pair[1]), (relaxation, pair[0])):
         assert found[1:] == ({"cy_front": 0.9} | plan.make_typical_values(problem, other), 30, 1e-6)
-    (shape,) = pair[1].shapes
-    assert (lag[0][-1].low, lag[0][-1].high) == (shape.typical_low, shape.typical_high)
-    assert lag[0][-2] == pair[1].strengths[0]
+    shapes = roll[0][-2:]
+    assert [p.name for p in shapes] == [p.name for p in pair[1].shapes]
+    assert [(p.low, p.high) for p in shapes] == [(1.2, 2.0), (0.2, 0.4)]  # of Hz, and of damping
+    assert roll[0][-3] == pair[1].strengths[0]
 
 
 # ---- a whole run, whose slow steps are made up
