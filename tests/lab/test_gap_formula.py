@@ -470,6 +470,9 @@ def test_held_out_logs_count_in_the_choice(choose):
     found = choose(one, two, held={1.0: (2.9, better), 2.0: (0.5, better)})
     assert found.formula == two.formula
     assert two.changes["channel 0"].ci95 == better[0]
+    assert [t["nats"] for t in found.tried] == [9.0, 5.0]  # of the fitted logs
+    alike = {1.0: (0.5, better), 2.0: (0.5, better)}
+    assert choose(two, one, held=alike).formula == one.formula  # the fitted logs count as well
     dear = choose(make_candidate(-0.1, 0.5), held={1.0: (0.5, better)})
     assert dear.formula is None and not dear.tried[0]["held_out"]  # its price in the fitted logs
 

@@ -3,6 +3,7 @@ numbers by hand.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -573,6 +574,39 @@ def test_laps_of_a_road_have_one_profile(monkeypatch):
     np.testing.assert_allclose(found.logs[2].road["grade"], at)
     assert found.list_roads() == ["way", "far"]
     assert [x[2] for x in made] == [0, 2] and all(x[1] is found.road and x[4] == "sd" for x in made)
+
+
+def test_laps_share_the_profile_that_is_left_and_lack_no_channel(monkeypatch):
+    """Two laps of 59.8 m, in which only the grade is found."""
+    logs, given, starts = [make_prepared("a"), make_prepared("b")], [], []
+    laps = SimpleNamespace(distance=[log.distance for log in logs], of=[0, 0], path=["way"])
+
+    def make_car(own, config, prior, jobs, road, lean):
+        given.append((road.kinds, list(road.count), [log.name for log in own]))
+        return SimpleNamespace(groups=[0], road=road)
+
+    def fit(problem, x, z, say):
+        starts.append(None if z is None else list(z))
+        equations = SimpleNamespace(compute_road_sd=lambda: None)
+        return SimpleNamespace(equations=equations, z=np.arange(len(problem.road)) + 1.0, search=None)
+
+    def judge(kind, *_):
+        return roads.FoundRoad(KNOWN[kind], 0.02, (0, 1), 9.0, 0.99 if kind == "grade" else 0.5)
+
+    monkeypatch.setattr(
+        roads, "add_missing_channels", lambda log: replace(log, path=Path(f"whole {log.name}"))
+    )
+    monkeypatch.setattr(roads, "find_laps", lambda *_: laps)
+    monkeypatch.setattr(roads, "CarProblem", make_car)
+    monkeypatch.setattr(roads, "make_prior", lambda *_: None)
+    monkeypatch.setattr(roads, "fit", fit)
+    monkeypatch.setattr(roads, "_judge_profile", judge)
+    found = roads.find_roads(logs, Config.exact(), None, 1, read=["read a", "read b"])
+    whole = ["whole a", "whole b"]
+    assert given == [(("bank", "grade"), [3], whole), (("grade",), [3], whole)]
+    assert starts == [None, [4.0, 5.0, 6.0]] and found.laps is laps
+    for log in found.logs:
+        np.testing.assert_allclose(log.road["grade"], 1.0 + log.distance / 40)
 
 
 # ---- names against formulas

@@ -3,8 +3,10 @@
 import html
 import json
 import re
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
@@ -241,6 +243,7 @@ def test_the_overlay_has_lines_of_each_source_and_a_button_for_each_log():
     assert [t.visible for t in figure.data] == [True] * 6 + [False] * 6
     assert [t.showlegend for t in figure.data[:6]] == [True] * 3 + [False] * 3
     assert [a.text for a in figure.layout.annotations] == ["accel_y [m/s2]", "yaw_rate [rad/s]"]
+    assert (figure.layout.xaxis.title.text, figure.layout.xaxis2.title.text) == (None, "time [s]")
     one, two = figure.layout.updatemenus[0].buttons
     assert (one.label, two.label) == ("a", "b (held out)")
     assert list(two.args[0]["visible"]) == [False] * 6 + [True] * 6
@@ -263,6 +266,28 @@ def test_bars_have_the_interval_of_the_change_from_before_to_after():
     assert [a.text for a in figure.layout.annotations] == ["fitted logs", "held-out logs"]
     assert [s.y0 for s in figure.layout.shapes] == [1.0, 1.0]
     assert [t.showlegend for t in figure.data] == [True, True, False, False]
+
+
+def test_the_picture_has_lines_of_measured_before_and_after(monkeypatch):
+    """Drawn on axes that record what they are asked for."""
+    figure, above, below = MagicMock(), MagicMock(), MagicMock()
+    above.get_ylim.return_value = (0.0, 1.0)
+
+    @contextmanager
+    def open_picture(path):
+        assert path == "gap.png"
+        yield SimpleNamespace(subplots=lambda *_, **__: (figure, (above, below)))
+
+    monkeypatch.setattr(pictures, "open_picture", open_picture)
+    pictures.draw_picture("gap.png", make_table(a=("fit", 5.0, 2.0)), "a title")
+    drawn = [(set(c.args[1]), c.kwargs["label"]) for c in above.plot.call_args_list]
+    assert drawn == [({1.0}, "measured"), ({2.0}, "simulated before"), ({3.0}, "simulated after")]
+    assert [set(c.args[1]) for c in below.plot.call_args_list] == [{7.5}, {3.0}]
+    colours, again = ([c.kwargs["color"] for c in axis.plot.call_args_list] for axis in (above, below))
+    assert again == colours[1:] and len(set(colours)) == 3
+    assert above.set_title.call_args.args == ("yaw_rate in a",)
+    above.set_ylabel.assert_called_once_with("rad/s")
+    assert figure.suptitle.call_args.args == ("a title",)
 
 
 # ---- numbers and facts of the report

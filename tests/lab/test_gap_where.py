@@ -367,6 +367,16 @@ def test_what_lasts_swings_or_comes_and_goes_is_not(seed: int) -> None:
     )  # where something is done
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_about_the_mean_of_its_log_and_neither_long_nor_alternating(seed: int) -> None:
+    """An autocorrelation of 0.61 from block to block lasts 4 blocks, 3 are noise."""
+    white = draw_white(seed)
+    assert is_noise(white + np.array([3.0, -5.0, 0.0, 2.0])[LOG], LOG)
+    assert not is_noise(filter_low_pass(white, 0.08), LOG)
+    assert not is_noise(white - 0.4 * np.roll(white, 1), LOG)  # of -0.34 from block to block
+    assert is_noise(white + 0.4 * np.roll(white, 1), LOG)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
     step = 0.05
@@ -375,6 +385,13 @@ def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
     assert np.sqrt(np.mean(rest**2)) < 1.05
     swing = np.sin(2 * np.pi * 0.5 * BLOCK_TIME * np.arange(len(LOG)))
     assert np.sqrt(np.mean(remove_walk(swing, LOG, step) ** 2)) > 0.85 * np.sqrt(np.mean(swing**2))
+
+
+def test_a_drift_is_followed_to_both_ends_of_each_log() -> None:
+    """Of 7.5 in a log, upwards and downwards, at most a lag of a fifth is left."""
+    rise = np.linspace(0.0, 7.5, 750)
+    rest = remove_walk(np.concatenate([rise, rise[::-1], 3.0 + rise, -rise]), LOG, 0.05)
+    assert np.abs(rest).max() < 0.3
 
 
 def test_a_bias_that_stays_is_no_walk() -> None:
