@@ -569,6 +569,23 @@ def test_the_pieces_that_are_chosen_are_those_of_their_logs(monkeypatch):
     ]
 
 
+def test_the_length_of_a_piece_is_that_of_what_is_compared(monkeypatch):
+    """Of 15 s the first second is not compared, and in the second log 7 s more."""
+    used = np.arange(1500) >= 700
+    cut = [FitStretch(0, 1500, used)]
+    logs = [make_prepared("a", rows=1500), make_prepared("b", rows=1500, stretches=cut)]
+    p, given = Problem(logs, CAR), []
+    monkeypatch.setattr(excerpt, "is_long", lambda _: True)
+    monkeypatch.setattr(excerpt, "_compute_slopes", lambda *_: np.ones((len(p.weight), 2)))
+    monkeypatch.setattr(excerpt, "choose_best", lambda *x: given.append(x) or [1])
+    assert [log.name for log in excerpt.choose_excerpt(p, None).logs] == ["b"]
+    ((information, seconds, limit),) = given
+    assert seconds == pytest.approx([14.0, 8.0]) and limit == 90.0
+    rows = [3 * 350, 3 * 200]  # blocks of three channels, in units of an sd of 30
+    for found, n in zip(information, rows, strict=True):
+        np.testing.assert_allclose(found, n / 900.0 * np.ones((2, 2)))
+
+
 def test_the_slopes_of_a_piece_are_in_units_of_prior_sds_and_end_with_the_residuals(monkeypatch):
     asked = {}
 

@@ -525,6 +525,17 @@ def test_stages_are_rms_of_the_errors_in_the_units_of_the_channels(config):
     assert set(found) == set(MEASURES) and found["yaw_rate"].noise == pytest.approx(0.001)
 
 
+def test_the_named_effects_are_simulated_on_the_estimated_roads(config):
+    """A bank of 0.02 rad in the second half explains what a level road leaves."""
+    (log,) = prepare_candidate(make_candidate(), config)
+    road = {"bank": np.where(np.arange(len(log.time)) < 250, 0.0, 0.02)}
+    log = replace(log, measured=simulate(config, replace(log, road=road), MEASURES, {}, {}))
+    level, banked = Problem([log], config), Problem([replace(log, road=road)], config)
+    found = stages.compute_stages(level, [log], config, (banked, {}))["accel_y"]
+    assert found.filed == pytest.approx(found.calibrated) and found.filed > 0.02
+    assert found.named == pytest.approx(0.0, abs=1e-6)
+
+
 def test_the_calibrated_car_is_simulated_with_the_latencies_that_were_found(config):
     """The steering angle is logged 40 ms late, which the vehicle file does not say."""
     late = Config.exact(config.as_dict() | {"steer_angle_latency": 0.04})
@@ -734,6 +745,8 @@ def test_the_improved_file_has_the_effects_with_intervals_and_look_alikes(
     (gain,) = [x for x in lines if x.startswith("gain = ")]
     assert gain.endswith("95 %: 0.009 .. 0.011")
     (rear,) = [x for x in lines if x.startswith("cornering_stiffness_rear = ")]
+    (follows,) = [x for x in lines if x.startswith("longitudinal_stiffness_rear = ")]
+    assert follows.endswith(", follows the front one")
     by = np.exp(1.96 * 0.04 / 0.8)
     assert rear.endswith(f"95 %: {104e3 / by:.4g} .. {104e3 * by:.4g}")
     assert "closes 60 % of the gap, evidence 40 nats" in text
