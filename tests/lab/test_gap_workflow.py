@@ -759,6 +759,7 @@ def test_the_posterior_of_the_improved_file_is_of_the_fitted_logs_with_the_formu
 ):
     asked, problem = [], make_problem(config)
     monkeypatch.setattr(add, "compute_posterior", lambda *x: asked.append(x) or KNOWN)
+    monkeypatch.setattr(posterior.Posterior, "make_uncertainty", lambda *_: {"relaxation_sd": 0.123})
     lean = Named(
         next(h.effect for h in make_hypotheses() if h.id == "superelevation"),
         {"bank_superelevation": 0.1}, {"bank_superelevation": (0.08, 0.12)}, 0.3, 20.0,
@@ -775,6 +776,7 @@ def test_the_posterior_of_the_improved_file_is_of_the_fitted_logs_with_the_formu
     (line,) = [x for x in text.splitlines() if x.startswith("superelevation = ")]
     assert line.startswith("superelevation = 0.1 ") and line.endswith("95 %: 0.08 .. 0.12")
     assert "closes 30 % of the gap, evidence 20 nats" in text
+    assert [x for x in text.splitlines() if x.startswith("relaxation_sd = 0.123")]
     assert "# Fitted together: stiffness, superelevation, a formula." in text
 
 
