@@ -524,3 +524,65 @@ def test_rows_may_be_complete_if_no_channel_is_worth_waiting_for(steer, wheel, s
     made._looked = 10.3
     made._sent = 30
     assert made._may_have_rows(10.32) is True  # all have been silent for 0.25 s
+
+
+def test_a_clock_that_is_set_back_twice_goes_on_each_time(database: Path) -> None:
+    made = make(database)
+    said = [made.add([frame(t, 101, i, 0, 0)]) for i, t in enumerate((10.0, 11.0, 5.0, 6.0, 1.0, 1.5))]
+    assert [len(x) for x in said] == [0, 0, 1, 0, 1, 0] and "by 5 s" in said[4][0]
+    assert made._kept["IMU.rate"].time == pytest.approx([10.0, 11.0, 12.0, 12.5])
+    assert made.time == pytest.approx(12.5)
+
+
+def test_a_value_has_the_time_of_its_own_frame_also_if_frames_before_are_too_short(database: Path) -> None:
+    made = make(database)
+    made.add([frame(0.0, 103, 4000), frame(0.1, 103, 4100, 24400), frame(0.2, 103, 4200)])
+    right, left = made._kept["REAR.right"], made._kept["REAR.left"]
+    assert (right.time, right.value) == ([0.1], [44.0])
+    assert left.time == [0.0, 0.1, 0.2] and left.value == pytest.approx([40.0, 41.0, 42.0])
+
+
+def test_values_that_the_database_calls_not_available_are_missing_and_not_the_last(tmp_path: Path) -> None:
+    path = tmp_path / "codes.dbc"
+    path.write_text(DBC + 'VAL_ 101 rate 32767 "not available" ;\n', encoding="ascii")
+    made = make(path)
+    made.add([frame(0.0, 101, 100, 1, 2), frame(0.1, 101, 32767, 1, 2), frame(0.2, 101, 32767, 1, 2)])
+    np.testing.assert_allclose(made._kept["IMU.rate"].value, [0.1, NAN, NAN])
+    made._receive(0.2)
+    assert made.last["yaw_rate"] == 0.0 and made.last["accel_y"] == 0.2
+
+
+def test_of_many_new_rows_the_last_ones_are_given_and_none_twice(
+    database: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream, "MAX_NEW_ROWS", 50)
+    made = make(database)
+    made.add(make_frames(0.0, 2.0))
+    first, _ = made.make_rows(2.0)
+    assert len(first) == 50 and made._sent == round((first[-1] - made._start) * 100) + 1
+    made.add(make_frames(2.0, 2.3))
+    second, value = made.make_rows(2.3)
+    np.testing.assert_allclose(np.diff([*first, *second]), 0.01, atol=1e-9)
+    np.testing.assert_allclose(value["yaw_rate"], 0.1 * second, atol=2e-3)
+
+
+def test_between_two_checks_missing_values_are_left_out_and_bursts_are_joined(database: Path) -> None:
+    made = make(database)
+    made._usual["yaw_rate"] = (100.0, True)
+    t = np.arange(40) * 0.01
+    x = np.where(np.arange(40) == 7, NAN, np.sin(t))
+    time, value = made._select_entries("yaw_rate", Series("yaw_rate", t, x), False)
+    np.testing.assert_array_equal(time, np.delete(t, 7))
+    np.testing.assert_array_equal(value, np.delete(x, 7))
+    burst = np.insert(t, 20, 0.191)
+    time, _ = made._select_entries("yaw_rate", Series("yaw_rate", burst, np.sin(burst)), False)
+    assert len(time) == 40 and time[19] == pytest.approx(0.1905)
+
+
+def test_the_speed_of_the_car_has_its_latency_also_as_a_wheel_speed(database: Path) -> None:
+    names = leave_out("wheel_speed_front", "wheel_speed_rear") | {"vehicle_speed": ("vx",)}
+    made = make(database, names, vehicle_speed={"latency": 0.05})
+    made.add([frame(1.0, 104, 1500, 0), frame(1.1, 104, 1530, 0)])
+    front = made._build_series()["wheel_speed_front"]
+    assert front.latency == 0.05 and front.time == pytest.approx([0.95, 1.05])
+    assert front.value == pytest.approx([50.0, 51.0])

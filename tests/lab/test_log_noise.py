@@ -225,6 +225,24 @@ def test_new_values_of_a_held_signal_are_every_beat_also_before_the_first_change
     np.testing.assert_array_equal(find_new_values(value), wanted)
 
 
+def test_equal_samples_of_a_held_signal_count_where_they_are_many_and_at_the_end():
+    """A fifth of the samples equals the one before, and so do the last four."""
+    samples = np.round(np.sin(0.37 * np.arange(120)), 3)
+    samples[3:110:5] = samples[2:109:5]
+    samples[-4:] = samples[-5]
+    value = np.repeat(samples, 4)
+    wanted = np.arange(480) % 4 == 0
+    np.testing.assert_array_equal(find_new_values(value), wanted)
+
+
+def test_changes_of_the_misfit_are_those_between_two_rows_in_motion():
+    """While the car stands, accel_y drifts; it stops and starts again every 10 s."""
+    speed = np.where(T % 20 < 14, 20.0, 0.0)
+    rough = np.where(speed > 0, 0.0, 2.0)
+    steady = compute_misfit(drive(speed, accel_y=rough), *RADII)["accel_y"]
+    assert steady.walk < 0.02 and steady.sd < 0.02
+
+
 # ---- Units
 
 

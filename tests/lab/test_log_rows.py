@@ -657,3 +657,135 @@ def test_without_a_yaw_rate_the_liveliest_part_is_that_of_the_steering():
     assert (part.data["steer_angle"] == 0.3).all() and (part.extra["bank"] == 0.3).all()
     slow = part.slower["steer_angle"]
     assert slow.rows == 5.0 and slow.time.tolist() == t[140:160].tolist() == slow.value.tolist()
+
+
+# ---- Rows that count in a sum, and the words of notes
+
+
+def test_a_measurement_is_stuck_also_if_its_witness_has_two_wheels_or_moves_late():
+    """accel_x is stuck: the witness is the left wheel, and the car moves at the end only."""
+    data = {c: np.zeros(250_000) for c in CHANNELS if c != "wheel_speed_rear"}
+    data["wheel_speed_rear_left"] = np.append(np.zeros(200_000), np.linspace(0.0, 30.0, 50_000))
+    data["wheel_speed_rear_right"] = np.zeros(250_000)
+    data["accel_y"], data["yaw_rate"] = np.arange(2 * 125_000.0), np.arange(2 * 125_000.0)
+    parts = {c: (c,) for c in CHANNELS} | {"wheel_speed_rear": tuple(data)[-2:]}
+    rows._drop_stuck(data, parts, notes := [])
+    assert np.isnan(data["accel_x"]).all() and len(notes) == 1
+    assert notes[0].startswith("accel_x is 0 in every row, while wheel_speed_rear changes")
+
+
+def test_zeros_are_written_only_if_both_neighbours_are_far_from_zero():
+    """Steps are 1, so values above 4 are far from 0."""
+    up = np.r_[5.0, 6.0, 7.0, 6.0, 5.0]
+    near = np.r_[5.0, 4.0, 3.0, 2.0, 1.0]
+    for part, lost in ((up, True), (near, False)):
+        value = np.concatenate([np.append(part, 0.0) for _ in range(15)])
+        value = np.append(value, 5.0)
+        data = {"accel_y": value}
+        rows._drop_written_zeros(data, "accel_y", [])
+        assert np.isnan(data["accel_y"]).any() == lost
+    # missing values between the others are no steps of 0
+    fine = np.concatenate([[5.0, 6.0, 5.0, np.nan, np.nan, np.nan, np.nan, 5.0, 0.0] for _ in range(300)])
+    data = {"accel_y": np.append(np.where(fine == 6.0, 9.0, fine), 5.0)}
+    rows._drop_written_zeros(data, "accel_y", [])
+    assert np.isfinite(data["accel_y"]).sum() == np.isfinite(fine).sum() + 1  # 5 is not 4 x 4
+
+
+def test_a_run_of_zeros_at_the_start_or_the_end_has_no_value_on_one_side():
+    value = np.concatenate([[0.0], *([50.0, 50.1, 0.0] for _ in range(10))])
+    data = {"accel_x": value}
+    rows._drop_written_zeros(data, "accel_x", notes := [])  # 9 inner runs are too few
+    assert notes == [] and (data["accel_x"] == value).all()
+
+
+def test_the_liveliest_part_is_that_with_the_most_motion_in_all_of_it():
+    turn = np.zeros(1000)
+    turn[100:125] = 3.0  # much, but short
+    turn[500:600] = 1.0
+    log = make_log(0.01 * np.arange(1000), yaw_rate=turn)
+    log.slower = {"yaw_rate": SlowChannel(log.time[::3], turn[::3], 3.0)}
+    part = rows.select_liveliest(log, 100)
+    assert part.time[0] == pytest.approx(5.0) and part.time[-1] == pytest.approx(5.99)
+    assert part.data.index[0] == part.extra.index[0] == part.ref.index[0] == 0
+    # entries at both ends of the part belong to it
+    assert part.slower["yaw_rate"].time[[0, -1]] == pytest.approx([5.01, 5.97])
+    log.slower = {"yaw_rate": SlowChannel(log.time[[499, 500, 599, 600]], np.arange(4.0), 3.0)}
+    assert rows.select_liveliest(log, 100).slower["yaw_rate"].value.tolist() == [1, 2]
+
+
+def test_rows_without_a_yaw_rate_count_neither_for_the_turn_nor_for_one_wheel():
+    rate = 0.2 * np.sin(0.1 * np.arange(200))
+    left, right = 50 - 2.5 * rate, 50 + 2.5 * rate
+    rate = rate.copy()
+    rate[[10, 20, 30]] = np.nan
+    right[20] = np.nan
+    mean, per_turn = rows._average_axle("wheel_speed_front", left, right, rate, notes := [])
+    assert per_turn == pytest.approx(5.0) and notes == []
+    assert np.flatnonzero(np.isnan(mean)).tolist() == [20] and mean[10] == pytest.approx(50.0)
+
+
+def test_notes_name_rows_by_the_word_of_the_log():
+    log = make_log([0.0, 0.1, 0.2, 0.9, 1.0], steer_angle=[0, 0, 2, 0, 0])
+    log.place = "row"
+    assert "(first in row 4)" in rows.describe_steering(log, 1.0)[0]
+    assert "before row 5)" in rows.describe_sampling(log, 0.5)[-1]
+    table = make_table()
+    table["yaw_rate"][7] = 99.0
+    check(table, notes := [], place="row")
+    assert any("yaw_rate: 1 values outside" in n and "(first in row 9)" in n for n in notes)
+
+
+def test_missing_times_do_not_hide_times_that_stand_still():
+    time = np.array([0.0, np.nan, 0.0, 0.0, np.nan, 0.0, 1.0, np.nan, 1.0])
+    with pytest.raises(UserError, match="column time: is empty or not finite"):
+        straighten_log_time(LOG, time, np.arange(9) + 2, [])
+
+
+def test_one_long_gap_is_bridged_and_many_are_refused_with_the_line_and_the_usual_unit():
+    time = np.append(0.01 * np.arange(10), 4000 + 0.01 * np.arange(10))
+    found, keep = straighten_log_time(LOG, time, np.arange(20) + 2, notes := [])
+    assert keep.all() and found[10] - found[9] == pytest.approx(BRIDGED_GAP) and "jumps ahead" in notes[0]
+    late = np.array([0.0, np.nan, 5000.0, 10000.0, 15000.0])
+    with pytest.raises(UserError, match="line 4, column time: 5000 s after the previous row"):
+        straighten_log_time(LOG, late, np.arange(5) + 2, [])
+    # the unit is that of the usual step, not of the gap
+    with pytest.raises(UserError, match="divide by 1000"):
+        rows.check_time(LOG, np.array([0.0, 10.0, 20.0, 5000.0]), np.arange(4) + 2)
+
+
+def test_a_mean_over_blocks_is_taken_of_references_and_blocks_end_by_their_times():
+    log = make_log(0.1 + 0.01 * np.arange(40), accel_y=np.arange(40.0))
+    log.ref = pd.DataFrame({"ref_cy": np.arange(40.0)})
+    found = average(log, 0.05)
+    assert len(found) == 8 and found.ref["ref_cy"].tolist() == [2 + 5 * i for i in range(8)]
+    assert found.data["accel_y"].tolist() == found.ref["ref_cy"].tolist()
+    # with the accuracy of the times, not one row early
+    exact = make_log(np.array([0.0, 0.01, 0.02, 0.03 - 1e-12, 0.04, 0.05, 0.06 - 1e-12, 0.07, 0.08]))
+    assert average(exact, 0.03).line.tolist() == [2, 5, 8]
+
+
+def test_an_empty_column_is_an_absent_one():
+    table = make_table()
+    table["accel_x"] = np.full(400, np.nan)
+    log = check(table, notes := [])
+    assert log.data["accel_x"].isna().all()
+    assert notes == ["accel_x is not in the log: quantities that only accel_x shows are not estimated"]
+
+
+def test_a_computed_accel_y_is_found_also_if_it_is_missing_in_some_rows():
+    table = make_table()
+    table["accel_y"] = 0.3 * table["wheel_speed_rear"] * table["yaw_rate"]
+    table["accel_y"][50:150] = np.nan
+    log = check(table, notes := [])
+    assert log.data["accel_y"].isna().all() and any("it is computed, not measured" in n for n in notes)
+
+
+def test_a_checked_log_has_its_turn_ratios_and_optional_columns_with_missing_values():
+    table = make_table()
+    rear = table.pop("wheel_speed_rear")
+    table["wheel_speed_rear_left"] = rear - 2.5 * table["yaw_rate"]
+    table["wheel_speed_rear_right"] = rear + 2.5 * table["yaw_rate"]
+    table["brake"] = np.where(np.arange(400) < 10, np.nan, 1.0)
+    log = check(table)
+    assert log.turn == {"wheel_speed_rear": pytest.approx(5.0)}
+    assert np.isfinite(log.extra["brake"]).sum() == 390 and log.optional == ["brake"]
