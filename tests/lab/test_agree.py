@@ -7,9 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.channels.agree import check_lateral_delay, check_units
+from tse.channels import agree
+from tse.channels.agree import _check_velocity, check_lateral_delay, check_units
 from tse.channels.log import read_frame
 from tse.library.core import Config
+from tse.library.errors import UserError
+from tse.log.rows import Reading
 
 WHEELBASE, RADIUS = 2.7, 0.31
 
@@ -153,3 +156,37 @@ def test_zeros_that_were_written_for_missing_values_are_missing(run: int) -> Non
     log = read_frame(table.assign(steer_angle=np.where(gone, 0.0, table["steer_angle"])))
     assert (log.data["steer_angle"].isna().to_numpy() == gone).all()
     assert any("steer_angle is 0 in" in note for note in log.notes)
+
+
+def test_the_delay_of_accel_y_is_that_of_a_car_whose_centre_of_gravity_is_far_in_front() -> None:
+    """The rear axle is 3.5 m behind it, the front axle 0.5 m in front of it."""
+    table = drive(180.0, 15.0, 2.0)
+    v = RADIUS * table["wheel_speed_rear"]
+    yaw = np.gradient(np.convolve(table["yaw_rate"], np.ones(21) / 21, "same"), table["time"].to_numpy())
+    table["accel_y"] += (3.5 - 1800.0 * 0.5 / (1.4e5 * 4.0) * v**2) * yaw
+    car = Config({**STREET.as_dict(), "lf": 0.5, "lr": 3.5})
+    assert check_lateral_delay(read_frame(table), car) == []
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_course_that_wraps_between_its_entries_still_turns_with_the_yaw_rate(sense: float) -> None:
+    """The car circles to the left, faster and slower: the course wraps each 15 s."""
+    table = drive(120.0, 15.0, 2.0)
+    table["yaw_rate"] = 0.4 + 0.1 * np.sin(0.5 * table["time"])
+    course = sense * np.cumsum(table["yaw_rate"]) * 0.02
+    table["gnss_course"] = np.where(np.arange(len(table)) % 10 == 0, np.angle(np.exp(1j * course)), np.nan)
+    found = _check_velocity(read_frame(table), RADIUS, RADIUS)
+    assert len(found) == (sense < 0) and all("gnss_course turns against" in x for x in found)
+
+
+def test_a_log_that_is_left_out_is_named_in_one_line() -> None:
+    wrong = read_frame(drive(60.0, 15.0, 2.0))
+
+    def refuse(*_: object) -> list[str]:
+        raise UserError("the first line\n  hint: the second one")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(agree, "check_car", refuse)
+        with pytest.raises(UserError, match="the first line"):
+            agree.read_agreeing([wrong], notes := [], Reading())
+    assert notes == ["left out: the first line"]

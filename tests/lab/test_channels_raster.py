@@ -286,3 +286,12 @@ def test_a_file_of_few_bytes_has_no_ten_million_rows(tmp_path: Path) -> None:
     found = {"steer_angle": Series("steer_angle", np.array([0.0, 1e5]), np.array([1.0, 2.0]))}
     with pytest.raises(UserError, match="from its first to its last value at 100 Hz it has 10,000,001 rows"):
         raster.resample_channels(found, 100.0, path)
+
+
+def test_one_wheel_determines_the_rate_and_a_brake_is_a_switch() -> None:
+    found = make(steer_angle=20, wheel_speed_rear_left=50, wheel_speed_rear_right=50, yaw_rate=20, brake=10)
+    s = found["brake"]
+    found["brake"] = Series("brake", s.time, np.floor(s.time) % 2)
+    rows = raster.resample_channels(found, None)
+    assert rows.rate == 50.0
+    np.testing.assert_array_equal(rows.value["brake"], np.floor(rows.time + 1e-9) % 2)

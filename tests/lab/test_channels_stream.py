@@ -586,3 +586,10 @@ def test_the_speed_of_the_car_has_its_latency_also_as_a_wheel_speed(database: Pa
     front = made._build_series()["wheel_speed_front"]
     assert front.latency == 0.05 and front.time == pytest.approx([0.95, 1.05])
     assert front.value == pytest.approx([50.0, 51.0])
+
+
+def test_a_name_is_whole_and_one_wheel_of_an_axle_is_no_axle(database: Path) -> None:
+    with pytest.raises(UserError, match=r"there is no 'ate' in car\.dbc"):
+        make(database, NAMES | {"yaw_rate": ("ate",)})
+    made = make(database, leave_out("wheel_speed_front") | {"wheel_speed_front_left": ("FRONT.left",)})
+    assert made.one_speed and made.notes[0].startswith("wheel_speed_front is not on the bus")
