@@ -295,3 +295,32 @@ def test_one_wheel_determines_the_rate_and_a_brake_is_a_switch() -> None:
     rows = raster.resample_channels(found, None)
     assert rows.rate == 50.0
     np.testing.assert_array_equal(rows.value["brake"], np.floor(rows.time + 1e-9) % 2)
+
+
+def test_rows_that_only_an_optional_channel_has_are_left_out() -> None:
+    found = make(**FULL, vehicle_speed=10)
+    for name in FULL:
+        s = found[name]
+        part = (s.time < 4.0) | (s.time > 6.0)
+        found[name] = Series(name, s.time[part], s.value[part])
+    rows = raster.resample_channels(found, None)
+    assert not ((rows.time > 4.1) & (rows.time < 5.9)).any() and len(rows.time) > 700
+
+
+def test_a_channel_twice_as_fast_as_the_rows_is_low_passed_and_times_may_jitter() -> None:
+    t = np.arange(0.0, 4.0, 0.005)
+    rows = np.arange(0.5, 3.5, 0.01)
+    assert np.abs(resample(t, np.sin(2 * np.pi * 80.0 * t), rows, 100.0)).max() < 0.05
+    t = np.arange(3000) * 0.001
+    late = t + 3e-4 * np.sin(37.0 * t)
+    even, x = raster._filter_low_pass(late, 2.0 * late, 0.001, 100.0)
+    np.testing.assert_allclose(x, 2.0 * even, atol=1e-6)
+
+
+def test_rows_and_entries_coincide_also_where_times_are_rounded() -> None:
+    tenths = 0.1 + 0.2  # it is above 0.3
+    assert raster.hold(np.array([0.0, tenths]), np.array([1.0, 2.0]), np.array([0.3])).tolist() == [2.0]
+    t = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+    time = raster._make_times({"yaw_rate": (t, t)}, {"yaw_rate": 10.0}, ["yaw_rate"], 10.0, None)
+    np.testing.assert_allclose(time, t)
+    assert start_on_beat({"yaw_rate": t[:1]}, {"yaw_rate": 10.0}, 10.0, 0.8) == pytest.approx(0.8)

@@ -154,6 +154,14 @@ def test_differences_from_frame_to_frame_are_summed_up_and_absolute_times_are_no
     np.testing.assert_allclose([f.time - 1.7e9 for f in frames], steps, atol=1e-6)
 
 
+def test_a_difference_that_is_no_number_is_no_time_and_spoils_no_later_one(tmp_path):
+    steps = [0.0, *[0.01, 0.03, 0.02] * 6]
+    rows = [f"({x:.6f}) can0 123#00\n" for x in steps]
+    rows.insert(5, "(bad) can0 123#00\n")
+    frames, _ = read_all(tmp_path, "candump", "".join(rows))
+    np.testing.assert_allclose([f.time for f in frames], np.insert(np.cumsum(steps), 5, sum(steps[:5])))
+
+
 # ---- BUSMASTER
 
 
@@ -198,6 +206,19 @@ def test_times_of_busmaster_go_on_after_each_midnight_and_relative_ones_are_summ
     np.testing.assert_allclose([f.time for f in frames], [0.5, 0.85])  # a remote frame takes time
 
 
+def test_other_lines_of_a_header_leave_the_base_and_the_mode_of_busmaster(tmp_path):
+    head = "***DEC***\n***RELATIVE MODE***\n***PROTOCOL CAN***\n"
+    rows = "00:00:00:5 Rx 1 10 s 1 11\n" * 2
+    frames, _ = read_all(tmp_path, "busmaster", head + rows)
+    assert [(f.time, f.identifier, f.data) for f in frames] == [(0.5, 10, b"\x0b"), (1.0, 10, b"\x0b")]
+
+
+def test_a_remote_frame_of_busmaster_passes_midnight_for_the_frames_after_it(tmp_path):
+    stamps = (("23:59:59:0", "s"), ("00:00:01:0", "sr"), ("13:00:00:0", "s"))
+    frames, _ = read_all(tmp_path, "busmaster", "".join(f"{t} Rx 1 0x1 {k} 0\n" for t, k in stamps))
+    assert [f.time for f in frames] == [DAY - 1.0, DAY + 13 * 3600.0]
+
+
 # ---- Tables
 
 
@@ -237,6 +258,12 @@ def test_a_row_of_bytes_has_as_many_as_its_length_states(tmp_path):
         CanFrame(1.0, 0x14, True, "1", b"\x05\x06"),
     ]
     assert lines.odd == [7]
+
+
+def test_short_rows_and_single_times_of_day_leave_the_layout_of_a_table(tmp_path):
+    text = "id,data,time (ms)\n10,0A\n10,0A,100\n10,0B,200\n10,0C,0:00:01\n10,0D,300\n"
+    frames, lines = read_all(tmp_path, "table", text)
+    assert [f.time for f in frames] == pytest.approx([0.1, 0.2, 0.3]) and lines.odd == [2, 5]
 
 
 def test_a_column_of_data_is_hexadecimal_or_in_base_64(tmp_path):
