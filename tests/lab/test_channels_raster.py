@@ -320,7 +320,7 @@ def test_a_channel_twice_as_fast_as_the_rows_is_low_passed_and_times_may_jitter(
 def test_rows_and_entries_coincide_also_where_times_are_rounded() -> None:
     tenths = 0.1 + 0.2  # it is above 0.3
     assert raster.hold(np.array([0.0, tenths]), np.array([1.0, 2.0]), np.array([0.3])).tolist() == [2.0]
-    t = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+    t = np.array([0.2, 0.3, 0.4, 0.5, 0.6])
     time = raster._make_times({"yaw_rate": (t, t)}, {"yaw_rate": 10.0}, ["yaw_rate"], 10.0, None)
     np.testing.assert_allclose(time, t)
-    assert start_on_beat({"yaw_rate": t[:1]}, {"yaw_rate": 10.0}, 10.0, 0.8) == pytest.approx(0.8)
+    assert start_on_beat({"yaw_rate": np.array([0.1])}, {"yaw_rate": 10.0}, 10.0, 0.8) == pytest.approx(0.8)

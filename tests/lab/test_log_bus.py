@@ -214,9 +214,9 @@ def test_other_lines_of_a_header_leave_the_base_and_the_mode_of_busmaster(tmp_pa
 
 
 def test_a_remote_frame_of_busmaster_passes_midnight_for_the_frames_after_it(tmp_path):
-    stamps = (("23:59:59:0", "s"), ("00:00:01:0", "sr"), ("13:00:00:0", "s"))
+    stamps = (("23:59:59:0", "s"), ("00:00:01:0", "sr"), ("06:00:00:0", "s"))
     frames, _ = read_all(tmp_path, "busmaster", "".join(f"{t} Rx 1 0x1 {k} 0\n" for t, k in stamps))
-    assert [f.time for f in frames] == [DAY - 1.0, DAY + 13 * 3600.0]
+    assert [f.time for f in frames] == [DAY - 1.0, DAY + 6 * 3600.0]
 
 
 # ---- Tables

@@ -663,7 +663,7 @@ def test_without_a_yaw_rate_the_liveliest_part_is_that_of_the_steering():
 
 
 def test_a_measurement_is_stuck_also_if_its_witness_has_two_wheels_or_moves_late():
-    """accel_x is stuck: the witness is the left wheel, and the car moves at the end only."""
+    """The witness of accel_x is the left wheel, and the car moves at the end only."""
     data = {c: np.zeros(250_000) for c in CHANNELS if c != "wheel_speed_rear"}
     data["wheel_speed_rear_left"] = np.append(np.zeros(200_000), np.linspace(0.0, 30.0, 50_000))
     data["wheel_speed_rear_right"] = np.zeros(250_000)
