@@ -748,6 +748,43 @@ def test_work_steps_piece_by_piece_and_joins_the_rows(begin, monkeypatch):
     assert live.drive.frames == 3 and read_said(live) == ["set back"] * 2
 
 
+def test_frames_collected_before_the_signals_are_known_are_used_once(begin, monkeypatch):
+    live, looked, channels, stepped = begin(), [], [], []
+    frames = iter([[make_arrived(1.0)], [make_arrived(1.1)], [make_arrived(1.2)], []])
+    live.reader.take = lambda timeout: next(frames) if timeout else []
+
+    def listen(came, now):
+        live._listened += came
+        if len(live._listened) == 2:
+            live.stream = make_stream()
+
+    monkeypatch.setattr(live, "_listen", listen)
+    monkeypatch.setattr(live, "_look_at_bus", lambda came, now: looked.append(len(came)))
+    monkeypatch.setattr(live, "_look_at_channels", lambda: channels.append(1))
+    nothing = (np.zeros(0), make_outputs(0))
+    monkeypatch.setattr(live, "_step", lambda x, now: stepped.append([a.frame.time for a in x]) or nothing)
+    for _ in range(4):
+        times, outputs = live.work()
+        assert len(times) == len(outputs) == 0
+    assert stepped == [[1.0, 1.1], [1.2], []]  # also without frames: rows up to the present
+    assert looked == [1, 1, 1, 0] and len(channels) == 3 and live.drive.frames == 3
+
+
+def test_work_waits_for_two_milliseconds_since_the_last_frames_and_takes_what_came(begin, monkeypatch):
+    live, slept, clock = begin(), [], [50.0]
+    monkeypatch.setattr(part, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=slept.append))
+    live.stream, given = make_stream(add=lambda frames: given.append([f.time for f in frames]) or []), []
+    monkeypatch.setattr(live, "_step", lambda *_: (np.zeros(0), make_outputs(0)))
+    live.reader.take = lambda timeout: [make_arrived(1.0 if timeout else 1.1)]
+    live.work()
+    clock[0] += 0.0005
+    live.work()
+    assert slept == [pytest.approx(0.0015)] and given == [[1.0], [1.0, 1.1]]
+    live.reader.take = lambda timeout: []
+    live.work()
+    assert len(slept) == 1  # without frames there is nothing to wait for
+
+
 # ---- written rows
 
 

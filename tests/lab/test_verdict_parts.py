@@ -196,6 +196,27 @@ def test_the_detail_of_a_verdict_is_what_follows_its_value():
     assert judge(make_table([1] * 10)).detail == "valid 100 % of the time; as nominal"
 
 
+def test_a_particle_filter_has_the_median_of_a_log_and_else_the_last_value():
+    rows = [1e5, 1.01e5, 1.02e5, 1.1e5, 1.06e5]
+    table = make_table([1] * 5, cy_front=rows, cy_front_sd=[5e3, 1e3, 2e3, 9e3, 7e3])
+    for form, whole, first, valid, value, sd in (
+        (1, True, 5e3, 1, 102, 5),
+        (0, True, 5e3, 1, 106, 7),
+        (1, False, 5e3, 1, 106, 7),
+        (1, True, 1e3, 1, 106, 7),  # it has changed by more than 3 x 1.96 kN
+        (1, True, 5e3, 0, 106, 7),
+    ):
+        given = table.assign(cy_front_valid=valid)
+        given.loc[0, "cy_front_sd"] = first
+        found = make_verdicts(given, Config.exact({"form": form}), whole)[1]
+        assert (found.value, found.band) == (pytest.approx(value), pytest.approx(1.96 * sd))
+        assert ("it changed during" in found.text) == (first == 1e3)
+    early = make_table(np.arange(30) < 5)
+    for form in (0, 1):
+        text = make_verdicts(early, Config.exact({"form": form}))[1].text
+        assert ("last valid at" in text) == (form == 0)
+
+
 # ---- the smoothed value
 
 
@@ -262,6 +283,20 @@ def test_a_smoothed_stretch_is_the_mean_of_its_logarithms_and_refused_rows_do_no
     assert np.isnan(smooth_stretch(table.assign(status=-1), "cy_front", config, 0.0)).all()
 
 
+def test_a_smoothed_stretch_walks_by_its_sd_in_a_second_and_keeps_its_common_part():
+    """Two rows by hand, 4 s apart, each the last one of its tenth of a second."""
+    config = Config.exact({"steady_walk": 0.01})  # variance in 4 s: 4e-4
+    table = make_table([1] * 4, cy_front=[7e4, 1e5, 9e4, 1.02e5], cy_front_sd=[1e4, 2e3, 1e4, 2.04e3])
+    table = table.assign(time=[0.01, 0.05, 4.03, 4.05])
+    for part, gain, var in ((0.0, 1 / 2, 3e-4), (1e-4, 3 / 7, 4e-4 - (3 / 7) ** 2 * 4e-4)):
+        value, sd = smooth_stretch(table, "cy_front", config, part)
+        assert value == pytest.approx(1e5 * 1.02 ** ((1 + gain) / 2))
+        between = (1 - gain) * np.log(1.02) / 2  # of both means from their mean
+        assert sd == pytest.approx(value * np.sqrt((var + 4e-4) / 2 + between**2))
+    value, _ = smooth_stretch(table, "cy_front", config, 1.0)  # the free part is at least a hundredth
+    assert value == pytest.approx(1e5 * 1.02 ** ((1 + 4e-6 / (4e-6 + 4e-4)) / 2))
+
+
 # ---- findings
 
 
@@ -292,6 +327,31 @@ def test_contradictions_take_every_value_and_the_stretches():
         assert (v.level, v.reason, v.reason_share, v.valid) == ("none", "contradicted", 1.0, 1.0)
         assert np.isnan([v.value, v.band, v.spread]).all()
         assert v.text.startswith("contradicted: channels or vehicle file are wrong")
+
+
+def test_each_stretch_is_judged_by_its_own_rows_and_the_common_part_of_the_log():
+    late = np.arange(80) >= 40
+    wide = np.arange(80) % 40 < 20
+    table = make_table([1] * 80, cy_front=np.where(late, 8e4, 1e5), sideslip=np.where(late, 0.03, 0.01))
+    table = table.assign(cy_front_sd=0.2 * table["cy_front"] * np.where(wide, 0.5, 0.1), sideslip_sd=1e-4)
+    table = table.assign(grip=1.0, grip_sd=0.1, grip_valid=0, grip_reason="held")
+    table.loc[78:, ["cy_front_valid", "cy_front_reason"]] = [0, "sensor fault"]
+    config = Config.exact({"steady_walk": 1e-5, **{NOMINAL[k]: 1e5 for k in STIFFNESS}})
+    parts = {"mass_sd": np.array([0.0, 0.09, 0.0])}
+    found = make_findings(table, config, [Change(4.0, 2, 0.9, {})], (), parts)
+    assert [f.title for f in found] == ["From 0.0 .. 4.0 s", "From 4.0 .. 7.9 s"]
+    for f, value, angle in zip(found, (100, 80), (0.01, 0.03), strict=True):
+        v = f.verdicts[1]
+        assert (v.value, v.level) == (pytest.approx(value), "good")  # also if it ends at fault
+        # its common part is more than the variance of any row, so that no row reduces it
+        assert v.smoothed_band == pytest.approx(1.96 * value * np.sqrt((0.1**2 + 0.02**2) / 2), rel=0.03)
+        assert "smoothed over the stretch" in v.text
+        assert [q.value for q in f.others] == [pytest.approx(np.rad2deg(angle))]
+    (whole,) = make_findings(table[:40], config, [], (), {"mass_sd": np.array([0.0, 0.12, 0.0])})
+    assert whole.verdicts[1].smoothed_band == pytest.approx(14.1, rel=0.03) and len(whole.others) == 1
+    assert "smoothed over the log" in whole.verdicts[1].text
+    (free,) = make_findings(table[:40], config, [])
+    assert free.verdicts[1].smoothed_band == pytest.approx(1.96 * 2, rel=0.03)  # that of the last row
 
 
 # ---- grip and sideslip
@@ -360,6 +420,18 @@ def test_changes_more_often_than_once_a_minute_are_not_believed(seconds, changes
     assert [x.split(". ")[0] for x in found] == (
         [f"{changes} changes of road or tyres in {seconds:.0f} s are implausibly many"] if said else []
     )
+
+
+def test_faults_are_counted_by_their_reason_or_at_standstill_by_their_probability():
+    rows = np.arange(100)
+    reasons = np.where((rows >= 10) & (rows < 20), "sensor fault", "held")
+    table = make_table([0] * 100, "held").assign(cx_front_reason=reasons)
+    assert list_remarks(table) == ["a sensor was probably at fault once, in 10 % of the log: not valid there"]
+    table["p_fault"] = np.where(rows >= 95, 0.9, 0.89)
+    assert list_remarks(table) == [
+        "a sensor was probably at fault 2 times, in 15 % of the log: not valid there"
+    ]
+    assert list_remarks(make_table([0] * 100, "held")) == []
 
 
 def test_a_lag_is_that_of_the_last_row():
@@ -623,6 +695,93 @@ def test_a_change_begins_with_the_drift_of_the_stiffness_that_it_touches():
     assert find_begin(columns, time, 2, 120, 150, 199) == 120  # not before `first`
     away = columns | {"cy_front": np.where(time > 15, 1.5e5, moving)}
     assert find_begin(away, time, 2, 0, 150, 199) == 150  # a drift away from the new value does not count
+
+
+def make_drift(start=10.0, **columns) -> pd.DataFrame:
+    """Return estimates that drift from 100 to 80 kN until a change to 50 kN at 15 s."""
+    time = 0.1 * np.arange(200)
+    seen = time > 14.95
+    front = np.where(seen, 5e4, np.interp(time, [start, 15.0], [1e5, 8e4]))
+    table = {"time": time, "change_kind": np.where(seen, 2, 0), "change_age": np.where(seen, time - 15, 0.0)}
+    table |= {"change_probability": 0.95, "change_cy_front": 0.6, "change_cy_rear": 0.7}
+    table |= {"cy_front": front, "cy_front_sd": 10.0, "cy_rear": 1e5, "cy_rear_sd": 10.0}
+    return pd.DataFrame(table | columns)
+
+
+def test_a_change_begins_with_its_drift_and_has_the_ratio_to_the_value_there():
+    (change,) = find_changes(make_drift())
+    assert (change.time, change.believed) == (pytest.approx(10.0, abs=0.11), pytest.approx(15.0))
+    assert change.ratio["cy_front"][0] == pytest.approx(0.5, rel=1e-2) and list(change.ratio) == ["cy_front"]
+    (change,) = find_changes(make_drift(cy_front=1e5))  # none
+    assert change.time == change.believed == pytest.approx(15.0)
+    assert change.ratio["cy_front"][0] == pytest.approx(0.6)
+    time = 0.1 * np.arange(200)
+    twice = make_drift(change_kind=np.where(time > 11.95, 2, 0),
+                       change_age=time - np.where(time > 14.95, 15.0, 12.0))  # fmt: skip
+    first, second = find_changes(twice)
+    assert (first.believed, second.believed) == (pytest.approx(12.0), pytest.approx(15.0))
+    assert second.time == pytest.approx(12.0, abs=0.11)  # not before the one before
+
+
+def test_kind_and_ratios_of_a_change_are_those_of_its_last_row():
+    late = np.arange(200) >= 180
+    table = make_drift(cy_front=1e5).assign(change_cy_rear=np.where(late, 0.8, 0.9))
+    table.loc[late, "change_kind"] = 3
+    (change,) = find_changes(table)
+    assert change.kind == 3 and change.effect.startswith("rear cornering x 0.80")
+
+
+def test_rows_that_differ_by_half_a_second_report_one_change_with_the_likelihood_of_all():
+    rows = np.arange(200)
+    at = np.select([rows < 178, rows < 180], [15.0, 14.7], 15.25)  # 0.55 s from row to row
+    table = make_drift(cy_front=1e5, change_probability=np.where(rows < 180, 0.95, 0.5))
+    table["change_age"] = np.where(rows >= 150, table["time"] - at, 0.0)
+    (change,) = find_changes(table)
+    assert change.time == pytest.approx(15.25) and change.probability == pytest.approx(0.95)
+
+
+@pytest.mark.parametrize(("ratios", "count"), [((1.04, 0.96), 0), ((1.06, 1.0), 1), ((1.0, 0.94), 1)])
+def test_a_change_counts_if_one_stiffness_rises_or_falls_by_more_than_a_twentieth(ratios, count):
+    table = make_drift(cy_front=1e5, change_cy_front=ratios[0], change_cy_rear=ratios[1], change_cx_front=1.0)
+    table.loc[table["change_kind"] > 0, "change_kind"] = 1
+    assert len(find_changes(table)) == count
+
+
+def begin_drift(kind=2, **columns) -> int:
+    table = make_drift(**columns)
+    return find_begin({n: table[n].to_numpy() for n in table}, table["time"].to_numpy(), kind, 0, 149, 199)
+
+
+def test_what_is_still_learnt_or_slow_is_no_drift():
+    time = 0.1 * np.arange(200)
+    still = np.interp(time, [0.0, 10.0, 15.0], [2e4, 2e4, 1e3])
+    assert begin_drift(cy_front_sd=still) == 149  # 0.22 of movement, 1.96 x 0.2 of it learnt
+    little = np.interp(time, [0.0, 10.0, 15.0], [0.14e5, 0.14e5, 1e3])
+    assert begin_drift(cy_front_sd=little) == 149 and begin_drift(cy_front_sd=0.5 * little) < 110
+    small = np.interp(time, [5.0, 15.0], [1.004e5, 1e5])
+    assert begin_drift(cy_front=np.where(time > 15, 0.99e5, small)) == 149  # 0.4 % of at least 5 % in 10 s
+    share = np.interp(time, [5.0, 15.0], [1e5, 0.87e5])
+    moved = {"cy_front": np.where(time > 15, 0.5e5, share), "cx_front": 1e5, "cx_front_sd": 10.0}
+    assert begin_drift(2, **moved) < 60 and begin_drift(1, **moved) == 149  # a third of it, of three
+
+
+def test_refused_rows_do_not_hide_a_drift():
+    table = make_drift()
+    assert begin_drift(cy_front=table["cy_front"].where(table.index != 120)) == pytest.approx(100, abs=1)
+
+
+def test_a_short_stretch_is_joined_to_the_next_and_the_last_to_the_one_before():
+    table = pd.DataFrame({"time": 0.5 * np.arange(40)})
+
+    def list_all(*times):
+        found = find_stretches(table, [Change(t, 1, 0.9, {}) for t in times])
+        return [(s.start, s.end, (s.rows.start, s.rows.stop)) for s in found]
+
+    assert list_all(1.0, 6.0) == [(0.0, 6.0, (2, 12)), (6.0, 19.5, (12, 40))]
+    assert list_all(6.0, 7.0) == [(0.0, 6.0, (0, 12)), (6.0, 19.5, (14, 40))]
+    assert list_all(6.0, 19.0) == [(0.0, 6.0, (0, 12)), (6.0, 19.5, (12, 38))]
+    late = find_stretches(table, [Change(6.0, 1, 0.9, {}, 9.0), Change(8.0, 1, 0.9, {})])
+    assert [s.rows for s in late] == [slice(0, 12), slice(16, 40)]  # believed after its end: no rows
 
 
 # ---- the answer
