@@ -30,7 +30,7 @@ from tse.estimation.estimate import (
     write_learnt,
     write_table,
 )
-from tse.library.core import NOMINAL, OUTPUT, STIFFNESS, Config, LearntError, library
+from tse.library.core import NOMINAL, OUTPUT, STIFFNESS, Config, LearntError, NativeFilter, library
 from tse.library.errors import UserError
 
 CONFIG = Config.exact({NOMINAL["cx_front"]: 1.6e5, NOMINAL["cy_front"]: 1.2e5, NOMINAL["cy_rear"]: 1.4e5})
@@ -166,6 +166,42 @@ def test_every_block_has_its_own_rows_and_times(monkeypatch):
     assert not marked
     estimate(log, CONFIG, contradicted=True)
     assert marked == [70, 70, 70, 70, 20]
+
+
+@pytest.mark.parametrize("to_file", [False, True])
+def test_a_run_begins_with_the_learnt_state_and_returns_that_of_its_end(to_file, monkeypatch):
+    monkeypatch.setattr(module, "BLOCK", 120)
+    log, config = make_log(), Config.exact({**CONFIG.as_dict(), "mass_sd": 0.02})
+    filter_ = NativeFilter(config)
+    outputs = filter_.outputs(300)
+    filter_.step_into(log.rows(0, 300), outputs, 0, 300)
+    loaded, seen, marked = [], [], []
+    monkeypatch.setattr(module, "mark_implausible", lambda out: marked.append(len(out)))
+    more = {"learnt": SimpleNamespace(load=loaded.append), "contradicted": True}
+    if to_file:
+        more["watch"] = [lambda block: seen.append(len(block["time"])), lambda block: seen.append(0)]
+    est = estimate_to(None, log, config, **more) if to_file else estimate(log, config, **more)
+    assert est.learnt == filter_.save_learnt() and len(loaded) == 1
+    assert isinstance(loaded[0], NativeFilter)
+    expected = filter_.uncertainty_sd()
+    assert list(est.uncertainty_sd) == list(expected) != []
+    np.testing.assert_array_equal(est.uncertainty_sd["mass_sd"], expected["mass_sd"])
+    assert seen == ([120, 0, 120, 0, 60, 0] if to_file else [])
+    assert marked == [120, 120, 60]
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_a_progress_bar_counts_the_rows_of_the_log(shown, monkeypatch, capsys):
+    made = []
+
+    class Bar(module.tqdm):
+        def __init__(self, **given):
+            made.append((given["total"], given["disable"]))
+            super().__init__(**given)
+
+    monkeypatch.setattr(module, "tqdm", Bar)
+    estimate(make_log(100), CONFIG, shown)
+    assert made == [(100, not shown)] and bool(capsys.readouterr().err) == shown
 
 
 def test_a_run_that_is_stopped_has_the_rows_up_to_there(monkeypatch, tmp_path):

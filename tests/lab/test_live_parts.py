@@ -93,9 +93,9 @@ def begin(monkeypatch):
     monkeypatch.setattr(part, "Bus", lambda *_: SimpleNamespace(knows=lambda i: i == 1))
     made = []
 
-    def make(folder=None, car=CAR, **more):
+    def make(folder=None, car=CAR, signals=None, **more):
         bus = Bus()
-        live = LiveDrive(lambda: bus, (), tse.read_vehicle(car), make_config_of(car), None, folder, **more)
+        live = LiveDrive(lambda: bus, (), tse.read_vehicle(car), make_config_of(car), signals, folder, **more)
         live._ended.set()
         live.reader.stop()
         live._keeper.join()
@@ -299,6 +299,25 @@ def test_a_record_holds_databases_signals_and_the_state_before_the_drive(tmp_pat
     assert live.started_from == "car.tse, 2 days old"
     live._learnt = None
     assert live.started_from is None
+
+
+def test_a_drive_with_signals_makes_rows_from_the_beginning(begin, monkeypatch):
+    made = []
+    monkeypatch.setattr(part, "Stream", lambda *given: made.append(given) or make_stream())
+    signals = SimpleNamespace(path=None)
+    live = begin(signals=signals, rate=50.0)
+    assert made == [((), signals, live.vehicle, 50.0)] and live.stream is not None
+
+
+def test_a_learnt_state_that_is_refused_ends_a_drive_before_its_bus_is_opened(begin):
+    def refuse(filter_):
+        assert isinstance(filter_, NativeFilter)
+        raise UserError("car.tse: is of another vehicle")
+
+    config = make_config_of()
+    with pytest.raises(UserError, match="of another vehicle"):
+        LiveDrive(lambda: pytest.fail("opened"), (), tse.read_vehicle(CAR), config, None, None,
+                  SimpleNamespace(load=refuse))  # fmt: skip
 
 
 # ---- sentences
@@ -707,6 +726,18 @@ def test_a_step_counts_rows_valid_rows_and_statuses(begin):
     assert live.drive.rows == 5 and live.drive.first == 10.0
 
 
+def test_times_of_a_drive_count_from_its_first_second_with_one_filter(begin):
+    live = begin()
+    live.stream = make_stream()
+    times, _ = step(live, [1.7e9 + 0.9, 1.7e9 + 1.1], [make_arrived(0.0)])
+    filter_ = live.filter
+    assert times == pytest.approx([0.9, 1.1], abs=1e-5) and live.drive.first == times[0]
+    times, _ = step(live, [1.7e9 + 2.2], [make_arrived(0.0)])
+    assert times == pytest.approx([2.2], abs=1e-5) and live.filter is filter_
+    rows = live._make_inputs(np.array([2.3]), make_columns(1, accel_y=np.nan))
+    assert np.isnan(rows["accel_y"]).all() and not np.isnan(rows["accel_x"]).any()
+
+
 def test_the_delay_is_that_of_the_oldest_frame_and_the_worst_of_a_second(begin, monkeypatch):
     live = begin()
     live.stream = make_stream()
@@ -875,6 +906,25 @@ def test_what_a_check_finds_is_a_warning_once_and_what_is_certain_contradicts(be
     assert live.drive.contradicted == []
 
 
+def test_notes_of_a_check_that_concern_a_channel_are_said(begin, monkeypatch):
+    live, seen = begin(), []
+    found = ["yaw_rate measures nothing", "accel_x is computed from speed", "accel_y has no value in 3 rows"]
+
+    def check(path, times, data, lines, notes, place):
+        notes += [*found, "rows are 0.01 s apart"]
+        return "log", sorted(data), len(times), lines.tolist(), place
+
+    monkeypatch.setattr(part, "check_log", check)
+    monkeypatch.setattr(part, "select_liveliest", lambda log, most: (log, most))
+    monkeypatch.setattr(part, "check_car", lambda log, *_: seen.append(log) or [])
+    holes = make_columns(2, accel_x=np.nan)
+    holes["accel_y"][1] = np.nan
+    live._check_channels([{"time": np.arange(2.0), **holes}])
+    assert read_said(live) == found
+    names = sorted(set(ROW) - {"accel_x"})  # a channel without any value is left out
+    assert seen == [(("log", names, 2, [0, 1], "row"), part.MAX_CHECKED)]
+
+
 def test_a_check_that_fails_is_a_sentence_and_the_drive_goes_on(begin, monkeypatch):
     live = begin()
     block = {"time": np.arange(3.0), **make_columns(3)}
@@ -956,6 +1006,22 @@ def test_the_result_of_a_drive_has_its_learnt_state_unless_channels_contradict(b
     assert est.learnt is None and against == ["channels contradict"]
 
 
+def test_findings_of_a_drive_have_its_changes_and_its_uncertain_parameters(begin, monkeypatch):
+    live, given = begin(), []
+    sd = {"mass_sd": np.ones(3)}
+    live.filter = SimpleNamespace(save_learnt=lambda: b"state", uncertainty_sd=lambda: sd)
+    pend(live, np.arange(3) * 0.01)
+    live._write()
+    monkeypatch.setattr(part.regimes, "find_changes", lambda table: ["a change"])
+    monkeypatch.setattr(part, "make_findings", lambda *x: given.append(x[1:]) or ["found"])
+    est, found, changes, _ = live.result()
+    assert given == [(live.config, ["a change"], [], sd)] and est.uncertainty_sd is sd
+    assert found == ["found"] and changes == ["a change"]
+    live.drive.contradicted = ["known"]
+    monkeypatch.setattr(part, "describe_implausible", lambda table: "once more")
+    assert live.result()[3] == ["known"]
+
+
 def test_the_last_frames_are_used_at_the_end_and_the_channels_checked_once_more(begin, monkeypatch):
     live, done = begin(), []
     live.stream = make_stream(add=lambda frames: done.append(("add", len(frames))))
@@ -966,9 +1032,11 @@ def test_the_last_frames_are_used_at_the_end_and_the_channels_checked_once_more(
         monkeypatch.setattr(live, name, lambda name=name: done.append(name))
     monkeypatch.setattr(live, "_check_channels", lambda columns: done.append(len(columns)))
     live._columns.append({"time": np.zeros(3)})
+    close = live.record.close
+    monkeypatch.setattr(live.record, "close", lambda: done.append("closed") or close())
     for _ in range(2):
         live.close()
-    assert done == [("add", 1), ("step", 1)] * 2 + ["_write", 1, "_look_back"]
+    assert done == [("add", 1), ("step", 1)] * 2 + ["_write", 1, "_look_back", "closed"]
     assert live.drive.frames == 2 and live.closed
 
 

@@ -119,6 +119,10 @@ def test_a_stiffness_that_has_changed_says_from_what_to_what():
         [1] * 10, cy_front=np.where(rows < 5, 1e5, 87e3), cy_front_sd=np.where(rows < 5, 5e3, 100)
     )
     assert "changed" not in judge(wide).text  # of the sd at its beginning
+    part = make_verdicts(make_table([1] * 10, cy_front=np.where(rows < 5, 1e5, 87e3)), Config.exact(), False)
+    assert "it changed during the stretch, from 100 to 87" in part[1].text
+    never = make_table([0] * 10, cy_front=np.where(rows < 5, 1e5, 5e4))
+    assert "changed" not in judge(never).text
 
 
 @pytest.mark.parametrize(
@@ -167,6 +171,8 @@ def test_a_reason_is_explained_for_its_stiffness(key, reason, why):
 def test_the_sd_beside_its_limit_is_a_share_of_the_value():
     text = judge(make_table([0] * 10, "uncertain", cy_front_sd=15e3), valid_sd=0.08).text
     assert "not valid: uncertain, its sd 15 %, limit 8 %: too little" in text
+    text = judge(make_table([0] * 10, "parameters uncertain", cy_front_sd=15e3), valid_sd=0.08).text
+    assert "not valid: parameters uncertain, its sd 15 %, limit 8 %: the car's parameters" in text
     assert "limit" not in judge(make_table([0] * 10, "held")).text
 
 
@@ -183,13 +189,17 @@ def test_a_spread_counts_where_it_was_seen_in_half_of_the_valid_rows():
     assert found.spread == pytest.approx(6 / 80) and "spread 8 % from sample to sample" in found.text
     few = judge(make_table([1] * 10, cy_front_spread_seen=(np.arange(10) < 4).astype(int), **rows))
     assert np.isnan(few.spread)
+    rows["cy_front_spread"] = np.where(seen, 8e3, 1e3)  # of the valid rows
+    half = judge(make_table(seen, cy_front_spread_seen=(np.arange(10) < 3).astype(int), **rows))
+    assert half.spread == pytest.approx(8 / 80)
 
 
 def test_a_whole_log_that_ends_at_fault_is_good_in_part_and_a_stretch_is_not():
-    reasons = np.where(np.arange(10) < 6, "valid", "sensor fault")
-    table = make_table(reasons == "valid", cy_front_reason=reasons)
-    levels = [make_verdicts(table, Config.exact(), whole)[1].level for whole in (True, False)]
-    assert levels == ["partly", "good"]
+    for reason, whole in (("sensor fault", "partly"), ("implausible", "partly"), ("held", "good")):
+        reasons = np.where(np.arange(10) < 6, "valid", reason)
+        table = make_table(reasons == "valid", cy_front_reason=reasons)
+        levels = [make_verdicts(table, Config.exact(), x)[1].level for x in (True, False)]
+        assert levels == [whole, "good"]
 
 
 def test_the_detail_of_a_verdict_is_what_follows_its_value():
@@ -223,7 +233,7 @@ def test_a_particle_filter_has_the_median_of_a_log_and_else_the_last_value():
 @pytest.mark.parametrize(
     ("valid", "sd", "reasons", "expected"),
     [
-        (1, 5e3, None, "valid"),
+        (1, 9e3, None, "valid"),
         (1, 15e3, None, "uncertain"),
         (
             1,
@@ -284,17 +294,16 @@ def test_a_smoothed_stretch_is_the_mean_of_its_logarithms_and_refused_rows_do_no
 
 
 def test_a_smoothed_stretch_walks_by_its_sd_in_a_second_and_keeps_its_common_part():
-    """Two rows by hand, 4 s apart, each the last one of its tenth of a second."""
-    config = Config.exact({"steady_walk": 0.01})  # variance in 4 s: 4e-4
+    """Two rows by hand, 0.5 s apart, each the last one of its tenth of a second."""
+    config, walk = Config.exact({"steady_walk": 0.01}), 0.01**2 * 0.5
     table = make_table([1] * 4, cy_front=[7e4, 1e5, 9e4, 1.02e5], cy_front_sd=[1e4, 2e3, 1e4, 2.04e3])
-    table = table.assign(time=[0.01, 0.05, 4.03, 4.05])
-    for part, gain, var in ((0.0, 1 / 2, 3e-4), (1e-4, 3 / 7, 4e-4 - (3 / 7) ** 2 * 4e-4)):
+    table = table.assign(time=[0.01, 0.05, 0.53, 0.55])
+    for part, free in ((0.0, 4e-4), (1e-4, 3e-4), (1.0, 4e-6)):  # of 4e-4; at least a hundredth
+        gain = free / (free + walk)
         value, sd = smooth_stretch(table, "cy_front", config, part)
         assert value == pytest.approx(1e5 * 1.02 ** ((1 + gain) / 2))
         between = (1 - gain) * np.log(1.02) / 2  # of both means from their mean
-        assert sd == pytest.approx(value * np.sqrt((var + 4e-4) / 2 + between**2))
-    value, _ = smooth_stretch(table, "cy_front", config, 1.0)  # the free part is at least a hundredth
-    assert value == pytest.approx(1e5 * 1.02 ** ((1 + 4e-6 / (4e-6 + 4e-4)) / 2))
+        assert sd == pytest.approx(value * np.sqrt((4e-4 - gain**2 * walk + 4e-4) / 2 + between**2))
 
 
 # ---- findings
@@ -325,6 +334,7 @@ def test_contradictions_take_every_value_and_the_stretches():
     assert found.stretch is None and not found.others
     for v in found.verdicts:
         assert (v.level, v.reason, v.reason_share, v.valid) == ("none", "contradicted", 1.0, 1.0)
+        assert v.smoothed_reason == "contradicted"
         assert np.isnan([v.value, v.band, v.spread]).all()
         assert v.text.startswith("contradicted: channels or vehicle file are wrong")
 
@@ -372,6 +382,7 @@ def test_grip_is_that_of_its_last_valid_row():
     grip = list_other_quantities(none, config)[0]
     assert grip.value == pytest.approx(0.57) and grip.text.startswith("not valid: held, standstill")
     assert [q.key for q in list_other_quantities(none.assign(status=-1), config)] == []
+    assert list_other_quantities(table, Config.exact({"grip_sd": 0.2, "form": 1})) == []
 
 
 def test_the_largest_sideslip_is_that_whose_interval_is_farthest_from_0():
@@ -432,6 +443,10 @@ def test_faults_are_counted_by_their_reason_or_at_standstill_by_their_probabilit
         "a sensor was probably at fault 2 times, in 15 % of the log: not valid there"
     ]
     assert list_remarks(make_table([0] * 100, "held")) == []
+    reasons[23:33] = "sensor fault"  # 0.4 s later, but 0.7 s between their estimates
+    table = make_table([0] * 100, "held").assign(cx_front_reason=reasons)
+    assert " once, in 20 % " in list_remarks(table)[0]
+    assert " 2 times, in 20 % " in list_remarks(table.assign(estimate_age=np.where(rows < 21, 0.3, 0.0)))[0]
 
 
 def test_a_lag_is_that_of_the_last_row():
@@ -601,6 +616,18 @@ def test_spells_are_in_order_of_their_start_with_their_largest_probability():
     assert found[0].name == "fault" and Spell("fault", 0, 1, 1, "yaw_rate").name == "yaw_rate at fault"
 
 
+def test_faults_of_two_channels_are_two_spells_each_with_its_own_probability():
+    yaw, late = find_number("yaw_rate"), find_number("accel_y")
+    table = pd.DataFrame({"time": 0.25 * np.arange(40), "p_fault": 0.0, "fault_channel": 0})
+    table.loc[[4, 5, 6, 7, 20], "p_fault"] = [0.91, 0.93, 0.99, 0.92, 0.95]
+    table.loc[[4, 5, 6, 7, 20], "fault_channel"] = [0, yaw, late, yaw, late]
+    assert find_spells(table) == [
+        Spell("fault", 1.0, 1.75, 0.93, "yaw_rate"),
+        Spell("fault", 1.5, 1.5, 0.99, "accel_y"),
+        Spell("fault", 5.0, 5.0, 0.95, "accel_y"),
+    ]
+
+
 def test_events_of_one_kind_are_one_line():
     changes = [Change(1.0, 1, 0.9, {"cy_rear": (0.7, NAN), "cx_front": (0.8, 0.05)}), Change(2.0, 4, 0.9, {})]
     spells = [
@@ -712,6 +739,9 @@ def test_a_change_begins_with_its_drift_and_has_the_ratio_to_the_value_there():
     (change,) = find_changes(make_drift())
     assert (change.time, change.believed) == (pytest.approx(10.0, abs=0.11), pytest.approx(15.0))
     assert change.ratio["cy_front"][0] == pytest.approx(0.5, rel=1e-2) and list(change.ratio) == ["cy_front"]
+    late = make_drift()
+    late.loc[late["time"] < 15.95, "change_kind"] = 0  # detected a second after it
+    assert find_changes(late) == [change]
     (change,) = find_changes(make_drift(cy_front=1e5))  # none
     assert change.time == change.believed == pytest.approx(15.0)
     assert change.ratio["cy_front"][0] == pytest.approx(0.6)
