@@ -1,5 +1,6 @@
 """Functions of verdict, answer and events, each alone, on tables of a few rows."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -810,6 +811,8 @@ def test_a_short_stretch_is_joined_to_the_next_and_the_last_to_the_one_before():
     assert list_all(1.0, 6.0) == [(0.0, 6.0, (2, 12)), (6.0, 19.5, (12, 40))]
     assert list_all(6.0, 7.0) == [(0.0, 6.0, (0, 12)), (6.0, 19.5, (14, 40))]
     assert list_all(6.0, 19.0) == [(0.0, 6.0, (0, 12)), (6.0, 19.5, (12, 38))]
+    slow = [Change(6.0, 1, 0.9, {}, 9.0), Change(10.0, 1, 0.9, {}), Change(12.0, 1, 0.9, {})]
+    assert find_stretches(table, slow)[1] == Stretch(6.0, 12.0, slice(20, 24))  # of more rows
     late = find_stretches(table, [Change(6.0, 1, 0.9, {}, 9.0), Change(8.0, 1, 0.9, {})])
     assert [s.rows for s in late] == [slice(0, 12), slice(16, 40)]  # believed after its end: no rows
 
@@ -885,6 +888,10 @@ def test_the_answer_has_the_driven_axle_and_aligned_cells():
         "front, along        50 ± 4 kN       usable, valid 50 % of the time",
     ]
     assert rear[2] == "rear, along         75 ± 6 kN       usable, valid 50 % of the time"
+    verdicts[0] = make_verdict("cx_front", unit="kN", smoothed=NAN, value=52.0)  # at the end
+    for axle, said in ((0, " 52 ± 8 "), (1, " 52 ± 8 "), (2, " 78 ± 12 ")):
+        lines = make_answer([Finding(None, verdicts)], Config.exact(stiffness | {"driven_axle": axle}))
+        assert said in lines[2] and lines[2].startswith("rear" if axle == 2 else "front")
 
 
 def test_the_answer_has_the_last_two_stretches_and_the_number_of_others():
@@ -1100,3 +1107,83 @@ def test_a_run_that_contradicts_itself_is_gone_over_again(quiet, monkeypatch):
     assert passes == [(Path("out.csv"), False), (Path("out.csv"), True)]
     assert [v.reason for v in ran.findings[0].verdicts] == ["contradicted"] * 3
     assert ran.started_from == "of yesterday" and not ran.reported
+
+
+def test_notes_are_those_of_every_check_with_the_settings_of_the_run(quiet, monkeypatch):
+    seen = []
+    monkeypatch.setattr(single, "find_false_stops", lambda log, *given: seen.append(given) or ["stops"])
+    monkeypatch.setattr(single, "describe_sampling", lambda log, gap: seen.append(gap) or ["sampling"])
+    monkeypatch.setattr(single, "describe_steering", lambda log, most: seen.append(most) or ["steering"])
+    monkeypatch.setattr(single, "unused_notes", lambda config, settings: [f"unused: {next(iter(settings))}"])
+    car = make_vehicle(CAR | {"wheel_radius_rear": 0.33}, Path("car.toml"))
+    car.notes.append("of the car")
+    log = make_log()
+    log.notes.append("of the log")
+    made = prepare(log, car=car, settings={"hold_speed": 1.5, "max_gap": 0.4, "max_steer": 0.5})
+    assert seen == [(0.32, 0.33, 1.5), 0.4, 0.5]
+    said = ["stops", "of the log", "sampling", "steering", "unused: hold_speed", "of the car"]
+    assert [n for n in made.notes if n in said] == said
+
+
+def test_a_setting_of_the_other_filter_is_refused_wherever_it_is_given(quiet):
+    for given in ({"settings": {"particles": 90}}, {"options": {"particles": 90, "seed": None}}):
+        with pytest.raises(UserError, match="particles has no effect"):
+            prepare(make_log(), **given)
+    assert prepare(make_log(), options={"particles": None}).config.form == 0
+
+
+def test_a_run_after_a_calibration_has_the_settings_of_every_source(quiet, monkeypatch, tmp_path):
+    monkeypatch.setattr(single, "calibrate_once", lambda *_: single.keep_class("of a test"))
+    (tmp_path / "f.toml").write_text("max_steer = 0.5\n")
+    car = make_vehicle(dict(CAR), Path("car.toml"))
+    given = (tmp_path / "f.toml", None, {"valid_sd": 0.2}, "default", {"max_gap": 0.3})
+    made = single.assemble_run(car, make_log(), *given, calibrate=single.Calibrate())
+    assert (made.config.max_steer, made.config.valid_sd, made.config.max_gap) == (0.5, 0.2, 0.3)
+    assert made.own is not None
+
+
+def test_a_run_is_prepared_of_the_log_that_is_read_for_its_car(monkeypatch):
+    read = []
+    monkeypatch.setattr(single, "read_vehicle", lambda path: f"car {path}")
+    monkeypatch.setattr(single, "read_log", lambda path, reading: read.append((path, reading)) or "log")
+    monkeypatch.setattr(single, "assemble_run", lambda *given, **named: (given, named))
+    reading = single.Reading(None, 20.0, True, ())
+    given = (Path("f"), 0.1, {"a": 1}, "robust", {"b": 2})
+    made, named = single.prepare_run(Path("l"), Path("c"), *given, reading, "calibrate", "road")
+    assert made == ("car c", "log", *given)
+    assert named == {"strict": True, "calibrate": "calibrate", "road": "road"}
+    assert read == [(Path("l"), replace(reading, car="car c"))]
+
+
+def test_a_run_passes_its_state_its_warnings_and_its_lines_on(quiet, monkeypatch):
+    made, seen, wrote, judged = prepare(make_log()), [], [], []
+    made.warnings = ["a sign"]
+    sd = {"mass_sd": np.ones(3)}
+    est = Estimates(make_table([1] * 9), False, b"x", sd)
+    drawn, state = SimpleNamespace(add="add"), SimpleNamespace(note="of yesterday")
+    for name in ("estimate", "estimate_to"):
+        monkeypatch.setattr(single, name, lambda *given: seen.append(given) or est)
+    monkeypatch.setattr("tse.report.report.write_report", lambda *given, **more: wrote.append((given, more)))
+    monkeypatch.setattr("tse.report.plots.Data", lambda log: drawn)
+    monkeypatch.setattr(single, "make_findings", lambda *given: judged.append(given[2:]) or ["found"])
+    monkeypatch.setattr(single, "list_uncertain_parameters", lambda *given: [f"wide: {list(given[2])}"])
+    ran = single.run_prepared(made, Path("o"), Path("r"), state, True)
+    assert seen == [(Path("o"), made.log, made.config, True, state, ["add"], True)]
+    assert judged == [([], ["a sign"], sd)] and ran.notes[-1] == "wide: ['mass_sd']" and ran.reported
+    ((given, more),) = wrote
+    assert given == (Path("r"), est, made.log, made.vehicle, made.config, ran.notes, drawn)
+    assert more == {"judged": ([], ["found"])}
+    ran = single.run_prepared(made, None, None, state, whole=True)
+    assert seen[1] == (made.log, made.config, False, state, True) and not ran.reported
+    est = Estimates(make_table([]), False)
+    ran = single.run_prepared(made, None, Path("r"))
+    assert not ran.reported and len(wrote) == 1 and ran.started_from is None
+
+
+def test_a_run_that_was_stopped_is_not_gone_over_again(quiet, monkeypatch):
+    passes = []
+    est = Estimates(make_contradiction(["implausible"] * 9), True)
+    monkeypatch.setattr(single, "estimate_to", lambda *given: passes.append(1) or est)
+    made = prepare(make_log())
+    single.run_prepared(made, None, None)
+    assert len(passes) == 1 and len(made.warnings) == 1
