@@ -438,9 +438,18 @@ def test_a_learnt_state_is_saved_or_it_is_noted_why_not(more, line, place, monke
         ("--out", "a.csv", "--table", "a.csv"),
         ("--config", "a.csv", "--out", "a.csv"),
         ("--road", "a.csv", "--out", "a.csv"),
+        ("--signals", "a.csv", "--out", "a.csv"),
+        ("--save-learnt", "a.csv", "--table", "a.csv"),
+        ("--out", "no/e.csv"),  # no such folder
+        ("--report", "no/r.html"),
+        ("--save-learnt", "no/c.tse"),
+        ("--table", "no/t.csv"),
+        ("--table", "t.txt"),
     ],
 )
-def test_an_output_that_is_an_input_or_another_output_is_refused(words, place, monkeypatch):
+def test_an_output_that_is_an_input_or_another_output_or_cannot_be_written_is_refused(
+    words, place, monkeypatch
+):
     calls = replace(monkeypatch, "estimate", make_result())
     for name in ("a.csv", "t.csv", "car.html"):
         (place / name).write_text("")
@@ -691,6 +700,32 @@ def test_a_simulation_without_a_vehicle_is_of_the_built_in_car(place, monkeypatc
         "notes": [],
         "written": {"log": "s.csv", "truth": None},
     }
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--road", "s.csv"), "--road"),
+        (("--truth", "s.csv"), "--truth"),
+        (("--truth", "t.csv", "--road", "t.csv"), "--road"),
+        (("--truth", "no/t.csv"), "does not exist"),
+    ],
+)
+def test_files_of_a_simulation_are_none_of_its_inputs_and_can_be_written(words, text, place, monkeypatch):
+    calls = replace(monkeypatch, "simulate", make_drive([]))
+    done = tselab_here("simulate", "--maneuver", "straight", "--out", "s.csv", *words)
+    assert done.code == 2 and text in done.err and calls == []
+
+
+def test_a_simulation_says_what_was_filled_in_and_noted_of_its_car(place, monkeypatch):
+    replace(monkeypatch, "simulate", make_drive([]))
+    replace(monkeypatch, "read_vehicle", SimpleNamespace(name="my car", filled=["a"], notes=["b"]))
+    words = ("simulate", "--maneuver", "straight", "--out", "s.csv", "--vehicle", "car.toml")
+    done = tselab_here(*words)
+    assert done.out.splitlines()[0] == "filled in: a" and done.err == "note: b\n"
+    said = json.loads(tselab_here(*words, "--json", "--truth", "t.csv").out)
+    assert (said["vehicle"], said["filled"], said["notes"]) == ("my car", ["a"], ["b"])
+    assert said["written"] == {"log": "s.csv", "truth": "t.csv"}
 
 
 @pytest.mark.parametrize(
@@ -1235,6 +1270,12 @@ def test_a_drive_without_rows_or_without_a_learnt_state_writes_neither(place, mo
         (("--save-learnt", "car.toml"), 2),
         (("--load-learnt", "t.csv", "--table", "t.csv"), 2),
         (("--load-learnt", "t.tse", "--save-learnt", "t.tse"), 3),
+        (("--signals", "t.csv", "--table", "t.csv"), 2),
+        (("--config", "t.csv", "--table", "t.csv"), 2),
+        (("--save-learnt", "t.csv", "--table", "t.csv"), 2),
+        (("--save-learnt", "no/t.tse"), 2),  # no such folder
+        (("--table", "no/t.csv"), 2),
+        (("--bus", "bit rate=5"), 2),
     ],
 )
 def test_what_a_drive_cannot_begin_with_is_refused_before_it_begins(words, code, place, monkeypatch):

@@ -617,9 +617,11 @@ def test_a_search_needs_all_channels_but_the_longitudinal_acceleration(
     monkeypatch.setattr(part, "format_signals", lambda *_: "text")
     monkeypatch.setattr(part, "format_headline", lambda g: f"headline of {g}")
     monkeypatch.setattr(part, "read_signals", lambda path: path.read_text())
-    live._propose([make_arrived(1.0, identifier=5), make_arrived(3.0), make_arrived(2.0)])
+    first = Arrived(CanFrame(1.0, 5, True, "can1", b"\x05"), 0.0)
+    live._propose([first, make_arrived(3.0), make_arrived(2.0)])
     assert seen == [([1.0, 3.0, 3.0], live.vehicle)]  # a time stamp never goes back
-    assert frames[0][0].tolist() == [5, 1, 1] and not frames[0][1].any()
+    assert frames[0][0].tolist() == [5, 1, 1] and frames[0][1].tolist() == [True, False, False]
+    assert frames[0][2:] == (["can1", "0", "0"], [b"\x05", b"", b""])
     if said is None:
         assert live._proposed == "text" and read_said(live)[0] == "proposed: headline of g"
         assert "frames.signals.toml" in read_said(live)[1]
@@ -799,6 +801,7 @@ def test_frames_collected_before_the_signals_are_known_are_used_once(begin, monk
         assert len(times) == len(outputs) == 0
     assert stepped == [[1.0, 1.1], [1.2], []]  # also without frames: rows up to the present
     assert looked == [1, 1, 1, 0] and len(channels) == 3 and live.drive.frames == 3
+    assert live._listened == []
 
 
 def test_work_waits_for_two_milliseconds_since_the_last_frames_and_takes_what_came(begin, monkeypatch):
