@@ -1,5 +1,6 @@
 """Functions of a run over a log, each alone: learnt state, columns, tables, files."""
 
+import io
 import os
 import signal
 import threading
@@ -353,3 +354,31 @@ def test_the_kind_of_a_column_is_how_its_cells_are_written(values, kind):
 def test_integers_that_single_precision_does_not_hold_are_left_to_arrow(number, plain):
     found = module._join_cells([np.array([number, 1])], "f", False)
     assert (found == [str(number).encode(), b"1"]) if plain else found is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "alike"),
+    [
+        ("d", 1.5e-5, True),
+        ("d", 0.9e-5, False),
+        ("d", -0.9e-5, False),
+        ("d", 9.5e9 + 0.5, True),
+        ("d", -1e10, False),
+        ("f", 1e-7, True),
+        ("f", 1e10, False),
+    ],
+)
+def test_numbers_that_are_written_in_another_way_are_left_to_arrow(kind, number, alike):
+    column = np.array([0.5, number], kind)
+    assert (module._join_cells([column], kind, False) is not None) == alike
+    table = {"x": column}
+    assert module.make_csv_rows(table) == module._write_rows_by_arrow(table)
+
+
+def test_a_missing_word_is_an_empty_cell_and_a_word_may_have_quotes():
+    words = pd.Categorical(["a", None, "b"])
+    assert module.make_csv_rows({"w": words, "x": np.array([1.0, np.nan, 2.5])}) == b"a,1\n,\nb,2.5\n"
+    quoted = {"w": pd.Categorical(['say "a"', None, "b"]), "x": np.array([1, 2, 3])}
+    assert module._join_cells([quoted["w"]], "words", False) is None
+    assert pd.read_csv(io.BytesIO(module.make_csv_rows(quoted)), header=None)[0].fillna("").tolist() == [
+        'say "a"', "", "b"]  # fmt: skip

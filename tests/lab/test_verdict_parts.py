@@ -1093,6 +1093,11 @@ def test_a_road_gives_the_sd_of_its_angles_unless_one_is_stated(quiet, monkeypat
         prepare(log, road=road, form="robust")
 
 
+def test_the_sd_of_a_road_is_at_most_the_largest_that_a_setting_has(quiet, monkeypatch):
+    monkeypatch.setattr("tse.roads.road_match.add_road", lambda log, *_: (log, SimpleNamespace(sd=9.0)))
+    assert prepare(make_log(), road="road").config.road_sd == Config().fields["road_sd"].high
+
+
 def test_a_run_that_contradicts_itself_is_gone_over_again(quiet, monkeypatch):
     passes = []
 
