@@ -1033,6 +1033,18 @@ def test_an_implausible_vehicle_file_is_a_warning_and_its_notes_are_notes(quiet)
     assert made.vehicle.found == []  # its uncertainty is stated: nothing is to be calibrated
 
 
+def test_noise_that_is_not_stated_is_of_the_log_only_for_particles(quiet):
+    assert "accel_y_sd" not in prepare(make_log()).vehicle.values  # the filter estimates it
+    assert prepare(make_log(), form="robust").vehicle.values["accel_y_sd"] > 0
+
+
+def test_a_late_channel_and_a_wrong_vehicle_file_are_two_warnings(quiet, monkeypatch):
+    monkeypatch.setattr(single, "check_lateral_delay", lambda *_: ["late"])
+    car = make_vehicle(dict(CAR), Path("car.toml"))
+    car.wrong = ["the mass is odd"]
+    assert prepare(make_log(), car=car).warnings == ["late", "the mass is odd"]
+
+
 def test_an_uncalibrated_car_says_so_unless_it_was_calibrated(quiet, monkeypatch):
     log = make_log()
     assert prepare(log).vehicle.found == [NOT_ASKED] and prepare(log, form="robust").vehicle.found == []
