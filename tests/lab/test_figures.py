@@ -149,6 +149,22 @@ def test_a_point_says_its_value_interval_and_reason():
     assert make_data().hover("cx_front")[0].startswith("100.0 ± 3.9 kN, ") and len(text) == N
 
 
+def test_thinned_blocks_keep_their_own_rows_reasons_and_least_steady_probabilities(monkeypatch):
+    monkeypatch.setattr(plots, "find_block_stride", lambda rows: 4)
+    row = np.arange(16)
+    steady = np.where(row % 4 == 1, 0.1 + row / 100, 0.9)
+    table = make_table(16, cy_rear_reason=[f"r{i}" for i in row], **dict.fromkeys(REGIMES, row / 16))
+    table["p_steady"] = steady
+    data = make_data(table[:8], make_log(16))
+    assert len(data.logged("yaw_rate")) == len(data.time) == 4  # only of the rows so far
+    data.add(table[8:])
+    assert data.rows == 16 and data.time == pytest.approx(100 + 0.1 * row[::2])
+    assert [x.split()[-1] for x in data.hover("cy_rear")] == [f"r{i}" for i in row[::2]]
+    assert data.line("p_steady") == pytest.approx(np.repeat(steady[1::4], 2))
+    other = next(p for p in REGIMES if p != "p_steady")
+    assert data.line(other) == pytest.approx(np.repeat(row[1::4] / 16, 2))
+
+
 @pytest.mark.parametrize(
     ("column", "quantity"),
     [
@@ -199,6 +215,8 @@ def test_of_too_many_shades_those_with_the_shortest_gaps_are_joined(monkeypatch)
     monkeypatch.setattr(plots, "MAX_SHADES", 3)
     where = [1, 0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0]  # gaps of 1, 3, 2 and 4 rows
     assert shade(np.arange(16.0), where) == [(0, 3), (6, 10), (14, 15)]
+    where = [1] * 6 + [0, 1, 0, 0, 1, 0, 0, 0, 1, 0]  # the first one is long
+    assert shade(np.arange(16.0), where) == [(0, 8), (10, 11), (14, 15)]
 
 
 def mark(changes: list[Change], spells: list[Spell], row: int = 1) -> tuple[list[float], list[tuple]]:
@@ -260,6 +278,7 @@ def test_each_stiffness_is_drawn_with_interval_nominal_reference_and_where_it_is
         assert (low["y"][0], high["y"][0]) == pytest.approx((value - 3.92, value + 3.92))
         assert (low["fill"], high["fill"]) == ("none", "tonexty")
         assert get_y(figure, "nominal", row) == pytest.approx([nominal] * 2)
+        assert find_traces(figure, "nominal", row)[0]["x"].tolist() == [TIME[0], TIME[-1]]
         assert find_traces(figure, "estimate", row)[0]["text"][0].endswith("not excited")
         assert figure.y_axis(row)["range"] == [0, pytest.approx(max(1.5 * nominal, 1.25 * value))]
     assert [float(t["y"][0]) for t in find_traces(figure, "reference")] == pytest.approx([90, 100])
@@ -268,6 +287,14 @@ def test_each_stiffness_is_drawn_with_interval_nominal_reference_and_where_it_is
         (100.0, pytest.approx(102.0), f"y{k} domain") for k in ("", "2", "3")
     ]
     assert not find_traces(figure, "spread, 95 % of samples") and len(figure.layout["annotations"]) == 3
+
+
+def test_shades_and_labels_are_at_the_times_of_the_estimates_and_of_every_event():
+    table = make_table(estimate_age=0.25)
+    spell = Spell("sliding", 102.0, 103.0, 0.99)
+    figure = plots.draw_stiffness(make_data(table), table, Config.exact(), [], [spell])
+    assert figure.layout["shapes"][0]["x0"] == pytest.approx(99.75)
+    assert figure.layout["annotations"][-1]["text"] == spell.label
 
 
 def test_a_filter_of_particles_has_the_spread_besides_and_no_value_is_cut_off():
