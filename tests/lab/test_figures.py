@@ -224,6 +224,7 @@ def mark(changes: list[Change], spells: list[Spell], row: int = 1) -> tuple[list
     before = len(figure.layout["annotations"])
     plots.mark_events(figure, row, changes, spells)
     notes = figure.layout["annotations"][before:]
+    assert [n["y"] for n in notes[:4]] == pytest.approx([0.95, 0.65, 0.35, 0.95][: len(notes)])
     assert {n["xref"] for n in notes} <= {f"x{figure.axis(row)}"}
     return [s["x0"] for s in figure.layout["shapes"]], [(n["x"], n["text"]) for n in notes]
 

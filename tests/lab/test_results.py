@@ -319,6 +319,38 @@ def read_rows(page: str, heading: str) -> list[list[str]]:
     return [[" ".join(re.sub(r"<[^>]+>", " ", c).split()) for c in cells] for cells in rows if cells]
 
 
+@pytest.mark.parametrize(("form", "grip_sd", "grip"), [(0, 0.2, True), (0, 0.0, False), (1, 0.2, False)])
+def test_a_report_draws_and_lists_what_belongs_to_its_run(form, grip_sd, grip, monkeypatch):
+    drawn, pages, judged = {}, [], []
+    for name in ("stiffness", "states", "inputs", "health", "other_references"):
+        monkeypatch.setattr(
+            report.plots, f"draw_{name}", lambda *given, name=name: drawn.setdefault(name, given)
+        )
+    monkeypatch.setattr(report.regimes, "find_changes", lambda table: ["change"])
+    monkeypatch.setattr(report.regimes, "find_spells", lambda table: ["spell"])
+    monkeypatch.setattr(report, "make_findings", lambda *given: judged.append(given) or ["found"])
+    monkeypatch.setattr(report, "list_events", lambda *given: given)
+    monkeypatch.setattr(report, "list_run_facts", lambda *given: given)
+    monkeypatch.setattr(report, "write_page", lambda *given, **words: pages.append(words))
+    config = Config.exact({"form": form, "grip_sd": grip_sd})
+    est, data = (
+        Estimates(make_table(), False, uncertainty_sd={"mass_sd": np.ones(3)}),
+        SimpleNamespace(stride=4),
+    )
+    log = SimpleNamespace(path=Path("x.csv"))
+    report.write_report(Path("r"), est, log, "car", config, ["a note"], data, ["a sign"])
+    assert judged == [(est.table, config, ["change"], ["a sign"], est.uncertainty_sd)]
+    assert drawn["stiffness"] == (data, est.table, config, ["change"], ["spell"])
+    assert drawn["states"] == (data, grip)
+    (words,) = pages
+    assert words["spread"] is (form == 1) and words["events"] == (["change"], ["spell"])
+    assert words["facts"] == (est, log, "car", config, 4) and words["notes"] == ["a note"]
+    assert words["findings"] == ["found"] and words["title"] == "x.csv"
+    report.write_report(Path("r"), est, log, "car", config, [], data, judged=(["other"], ["known"]))
+    assert len(judged) == 1 and pages[1]["findings"] == ["known"]
+    assert pages[1]["events"] == (["other"], ["spell"])
+
+
 def test_the_report_has_a_card_and_a_line_of_each_stiffness(tmp_path):
     slip = Quantity("sideslip", "Sideslip angle", "deg", 3.0, 0.98, np.nan, "", 4.5, "the largest")
     grip = Quantity(GRIP, "Grip", "1", 0.9, 0.1, 0.7, "", 4.5, "of grip")
