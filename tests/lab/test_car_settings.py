@@ -63,6 +63,35 @@ def test_options_override_the_file_of_the_filter_and_this_the_car(tmp_path: Path
         make_config(make(), None, None, {"max_gap": 5.0})
 
 
+def test_notes_are_asked_for_the_effects_of_the_file_and_all_settings_of_the_run(
+    tmp_path, monkeypatch
+) -> None:
+    seen = []
+    monkeypatch.setattr(module, "unused_notes", lambda config, *given: seen.append(given) or [])
+    path = tmp_path / "filter.toml"
+    path.write_text("grip = 0.9\n")
+    car = make(effects={"tyre_saturation": {"shape": 0.6}})
+    make_config(car, None, path, {"max_gap": 0.3, "seed": None})
+    assert seen == [({file.SHAPE: 0.6, "grip": 0.9, "max_gap": 0.3}, False)]
+
+
+def test_particles_have_the_values_of_the_file_without_the_prior_of_the_default_filter() -> None:
+    car = make(calibration=calibrate(), sensors={"accel_y_sd": 0.2})
+    config, _ = make_config(car, None, None, None, "robust")
+    assert config.accel_y_sd == 0.2 and config.form == 1
+    assert make_config(car, None)[0].accel_y_sd != 0.2
+
+
+def test_a_stated_height_and_grade_of_a_calibrated_car_are_those_of_its_file() -> None:
+    ordinary = file._compute_class_values(1600.0, 1.0, 1.5)
+    car = make_filter_values(make(calibration=calibrate()))
+    assert {n: car[n] for n in ("cg_height", "grade_sd")} == {
+        n: ordinary[n] for n in ("cg_height", "grade_sd")
+    }
+    car = make_filter_values(make(calibration=calibrate(), cg_height=0.9))
+    assert car["cg_height"] == 0.9
+
+
 @pytest.mark.parametrize(
     ("step", "gap", "used", "longest", "notes"),
     [
