@@ -86,6 +86,52 @@ def test_with_two_driven_axles_wheel_torques_and_brakes_must_be_known() -> None:
     assert count_samples("rear") == 200
 
 
+def test_rows_within_300_ms_of_a_braking_are_not_used_either() -> None:
+    """A braking of one row: slip is a mean over 0.6 s, so six samples contain it."""
+    switch = np.where(np.arange(2000) == 505, 1.0, 0.0)
+    log = make_checked(TIME, {"brake": switch}, accel_x=0.3)
+    weak = make_checked(TIME, {"brake": switch}, accel_x=np.where(np.arange(2000) == 505, -9.0, 0.3))
+    found = slip._select_samples(make_car(), log)
+    assert len(found.slip) == 194
+    # what the braking does to the means is in none of the samples
+    np.testing.assert_allclose(slip._select_samples(make_car(), weak).x[:, 0], found.x[:, 0], rtol=0.02)
+
+
+@pytest.mark.parametrize("driven", ["front", "rear", "both"])
+def test_errors_that_change_sign_in_every_row_have_no_influence_on_a_sample(driven: str) -> None:
+    """All channels are used as means over 60 rows. The yaw rate would be too large, and
+    the rear axle too slow, in every second row."""
+    sign = np.where(np.arange(2000) % 2, 1.0, -1.0)
+    car = make_car(driven)
+
+    def select(size: float) -> slip._Samples:
+        torques = {"wheel_torque_front": 100 + 90 * size * sign, "wheel_torque_rear": 100 - 40 * size * sign}
+        columns = {"wheel_speed_front": 40.4 + 4 * size * sign, "wheel_speed_rear": 30 - 3 * size * sign,
+                   "accel_x": 0.4 + 0.5 * size * sign, "yaw_rate": 0.2 * size * sign}  # fmt: skip
+        log = make_checked(TIME, torques | {"brake": 0 * TIME}, steer_angle=0.02, **columns)
+        return slip._select_samples(car, log)
+
+    plain, noisy = select(0.0), select(1.0)
+    assert len(noisy.slip) == len(plain.slip) == 200
+    inside = slice(10, -10)
+    np.testing.assert_allclose(noisy.x[inside], plain.x[inside], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(noisy.slip[inside], plain.slip[inside], rtol=1e-6)
+    np.testing.assert_allclose(noisy.weight[inside], plain.weight[inside], rtol=1e-6)
+
+
+@pytest.mark.parametrize("channel", ["accel_x", "wheel_speed_front", "wheel_speed_rear", "steer_angle"])
+def test_a_sample_has_no_missing_value_wherever_a_channel_begins(channel: str) -> None:
+    """Derivatives reach one row further than the values, so the first row is tried at
+    each place between two samples."""
+    plain = {"accel_x": 0.3, "wheel_speed_front": 40.0, "wheel_speed_rear": 30.0, "steer_angle": 0.0}
+    time = TIME[:300]
+    for first in range(100, 110):
+        late = {channel: np.where(np.arange(300) < first, np.nan, plain[channel])}
+        found = slip._select_samples(make_car(), make_checked(time, **({"accel_x": 0.3} | late)))
+        assert np.isfinite(found.x).all() and np.isfinite(found.slip).all()
+        assert 18 <= len(found.slip) <= 23
+
+
 # ---- what a sample has
 
 
@@ -137,6 +183,9 @@ def test_the_force_of_two_driven_axles_is_shared_as_their_torques() -> None:
     own = car.compute_slip(0, 0.5 * (push + apart), push)[0]
     other = car.compute_slip(1, 0.5 * (push - apart), push)[0]
     np.testing.assert_allclose(found.x[:, 0], (own - other)[0], rtol=1e-6)
+    # the nonlinear part is that of both axles, besides the change of the radii
+    bends = [car.compute_slip(k, 0.5 * (push + by * apart), push)[1][0] for k, by in ((0, 1), (1, -1))]
+    np.testing.assert_allclose(found.x[:, 4], bends[0] - bends[1] - car.give * push[0], rtol=1e-6)
 
 
 def test_noise_of_the_slip_is_that_of_the_mean_of_accel_x_over_600_ms() -> None:
@@ -144,6 +193,42 @@ def test_noise_of_the_slip_is_that_of_the_mean_of_accel_x_over_600_ms() -> None:
     noisy = 0.5 + 0.2 * np.random.default_rng(1).standard_normal(2000)
     found = slip._select_samples(make_car(), make_checked(TIME, accel_x=noisy))
     np.testing.assert_allclose(found.noise, 0.2**2 / 60 * (1500 / 1e5) ** 2, rtol=0.2)
+
+
+@pytest.mark.parametrize(("driven", "stiffness"), [("front", 1e5), ("rear", 8e4)])
+def test_noise_is_that_of_rows_with_speed_before_any_limit_and_of_the_axle_that_is_measured(
+    driven: str, stiffness: float
+) -> None:
+    """Noise of 0.02 m/s2, below the limit of 0.05, at 12 m/s, and ten times as much at
+    3 m/s. A mean over 0.6 s is one of 30 rows at 50 Hz. 20 %: scatter of 1500 rows."""
+    time, slow = 0.02 * np.arange(3000), np.arange(3000) < 1500
+    noisy = 0.5 + 0.02 * np.where(slow, 10.0, 1.0) * np.random.default_rng(2).standard_normal(3000)
+    speed = {"wheel_speed_front": np.where(slow, 10.0, 40.0), "wheel_speed_rear": np.where(slow, 7.5, 30.0)}
+    car = make_car(driven, imu_scale_ax_error=0.5)
+    found = slip._select_samples(car, make_checked(time, accel_x=noisy, **speed))
+    np.testing.assert_allclose(found.noise, 0.02**2 / 30 * (1500 / (1.5 * stiffness)) ** 2, rtol=0.2)
+
+
+def test_the_noise_of_a_log_that_is_too_short_to_show_it_is_none() -> None:
+    found = slip._select_samples(make_car(), make_checked(TIME[:20], accel_x=0.3))
+    assert found.noise.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("shape", [0.0, 0.5, 1.0])
+def test_slip_of_a_large_force_is_that_of_the_curve_of_the_tyre(shape: float) -> None:
+    """Brush model: force/grip = 1 - (1 - s/3)^3; the other: s/(1 + s^2 + s^4)^(1/4), with
+    the slip s of a linear tyre at the grip."""
+    config = Config.exact(CAR | {SHAPE: shape})
+    car = slip._Car(config, AT | {"tyre_saturation_inverse_friction": 1.25}, make_vehicle("front"))
+    push = np.array([1.0, 1.0, 1.0, 1.0])
+    for axle, stiffness, load in ((0, 1e5, 9.81 * 0.6), (1, 8e4, 9.81 * 0.4)):
+        force = np.array([0.5, -1.0, 1.4, 2.0])
+        found, bend, share = car.compute_slip(axle, force, push)
+        s = np.abs(found) * stiffness / (1500 * 0.8 * load)
+        brush, other = 1 - (1 - s / 3) ** 3, s / (1 + s**2 + s**4) ** 0.25
+        np.testing.assert_allclose(share, (1 - shape) * brush + shape * other, rtol=1e-4)
+        np.testing.assert_array_equal(np.sign(found), np.sign(force))
+        np.testing.assert_allclose(bend, found - 1500 * force / stiffness)
 
 
 def test_a_car_has_loads_curve_and_stiffness_of_its_axles() -> None:
@@ -206,6 +291,40 @@ def test_unknowns_of_all_logs_and_the_radius_of_each_are_found_with_their_sds() 
     covariance = np.linalg.inv((x * w[:, None] ** 2).T @ x + np.diag(PRIOR**-2.0))
     np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=0.4)
     assert (sd > 0.9 * np.sqrt(np.diag(covariance))).all()
+
+
+def test_the_result_is_that_of_least_squares_with_weights_and_priors_where_no_error_is_large() -> None:
+    """Errors of +- 0.01/weight, alternating: none is an outlier, none lasts. Weights of
+    1 .. 16, and priors as sure as the log."""
+    rng, n = np.random.default_rng(12), 4000
+    weight = 2.0 ** rng.uniform(0.0, 4.0, n)
+    x = rng.standard_normal((n, 5)) * [0.01, 0.05, 0.01, 0.001, 0.005]
+    sign = np.where(np.arange(n) % 2, 1.0, -1.0) * np.where(rng.uniform(size=n // 2).repeat(2) < 0.5, 1, -1)
+    part = slip._Samples(x, np.zeros(n), x @ B + 0.004 + 0.01 * sign / weight, weight, np.arange(n) // 50)
+    prior = np.array([0.5, 0.002, 0.05, 0.1, 0.05, 0.0002])
+    found, sd = slip._solve([part], prior)
+    scaled = np.column_stack([x, np.ones(n)]) * (100 * weight)[:, None]
+    whole, right = np.vstack([scaled, np.diag(1 / prior)]), np.append(part.slip * 100 * weight, np.zeros(6))
+    np.testing.assert_allclose(found, np.linalg.lstsq(whole, right, rcond=None)[0], atol=0.03 * sd.min())
+    covariance = np.linalg.inv(whole.T @ whole)
+    assert (sd > 0.99 * np.sqrt(np.diag(covariance))).all()
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("noise", "common", "known"), [(0.45, 0.0, True), (0.55, 0.0, False), (0.4, 0.5, False), (0.2, 0.5, True)]
+)
+def test_a_stiffness_is_unknown_if_noise_is_half_of_what_only_its_regressor_explains(
+    noise: float, common: float, known: bool
+) -> None:
+    """`noise`: share of the variance of the slip. `common`: share of it that the second
+    regressor explains."""
+    p = draw_samples(8, B, 0.0)
+    one, two = np.random.default_rng(9).standard_normal((2, len(p.slip)))
+    p.x[:, 1] = 0.05 * one
+    p.x[:, 0] = 0.01 * (np.sqrt(common) * one + np.sqrt(1 - common) * two)
+    p = replace(p, noise=np.full(len(p.slip), noise * 1e-4))
+    assert np.isfinite(slip._solve([p], PRIOR[:6])[1][0]) == known
 
 
 def test_errors_that_last_a_block_make_the_sds_as_large_as_if_a_block_were_one_sample() -> None:
