@@ -131,6 +131,62 @@ def test_noise_of_a_value_is_that_of_a_row_over_the_root_of_the_rows_in_a_block(
     assert p.compute_noise(1) == pytest.approx(0.06)
 
 
+def test_noise_of_a_value_of_accel_x_is_that_of_its_blocks_through_the_integral() -> None:
+    """The last value answers to a unit in each block before it; errors of blocks are
+    independent."""
+    p = make_problem(settings={"mass": 1500.0, "longitudinal_stiffness_front": 2e4,
+                               "longitudinal_stiffness_rear": 1e4})  # fmt: skip
+    p.logs[0].noise["accel_x"] = 0.3
+    answers = [p._average_groups(0, one)[-1] for one in np.eye(len(p._time[0]))]
+    expected = 0.3 / 2 * np.sqrt(np.sum(np.square(answers)))  # four rows in a block
+    assert p.compute_noise(0) == pytest.approx(expected, rel=1e-3)
+    count = p._count[2]
+    count[p._together[2][:100, 0]] = 1  # the mean of variances, not of sds
+    mean_square = 0.01**2 * (100 + 169 / 4) / 269
+    assert p.compute_noise(2) == pytest.approx(np.sqrt(mean_square))
+
+
+def test_blocks_that_are_not_used_add_nothing_to_the_integral_of_accel_x(monkeypatch) -> None:
+    """Block 12 has a single row, which is far off. The signal is that of the other
+    blocks, about their own mean."""
+    accel = np.where(np.arange(ROWS) < 600, 0.5, -0.3)
+    accel[104 + 48 : 104 + 52] = [np.nan, np.nan, np.nan, 1e6]
+    p = make_problem(make_log(accel_x=accel))
+    monkeypatch.setattr(problem, "simulate", lambda config, log, channels, *_: {
+        c: np.zeros(ROWS) for c in channels})  # fmt: skip
+    blocks = np.array([0.5] * 124 + [-0.3] * 145)
+    keep, slip_time = np.exp(-0.04), p.compute_slip_time()
+
+    def transform(difference: np.ndarray) -> np.ndarray:
+        speed, found = 0.0, []
+        for d in difference:
+            speed = speed * keep + d * (1 - keep)
+            found.append(speed + slip_time * 12.0 * d)
+        return np.array(found)
+
+    used = np.arange(269) != 12
+    groups = [np.arange(k, k + 10) for k in (0, *range(13, 260, 10))]
+
+    def average(difference: np.ndarray) -> list[float]:
+        return [transform(np.where(used, difference, 0.0))[g].mean() for g in groups]
+
+    np.testing.assert_allclose(p.compute_residuals(p.mean, np.zeros(0))[0], average(blocks), rtol=1e-9)
+    signal = np.array(average(blocks - blocks[used].mean()))
+    np.testing.assert_allclose(p._compute_signal(0), signal, rtol=1e-9)
+    table = p.compute_slopes(p.mean, np.zeros(0), p.compute_residuals(p.mean, np.zeros(0)))[0]
+    bias = table[:, p.names.index("accel_x~0")]
+    np.testing.assert_allclose(bias, average(np.full(269, -1.0)), rtol=1e-9)
+
+
+def test_the_usual_number_of_values_is_that_of_the_blocks_that_have_any() -> None:
+    """Two thirds of the blocks have no value. Of the others, one has a single value."""
+    x = np.arange(ROWS, dtype=float)
+    x[104 + 4 * 89 :] = np.nan
+    x[104:107] = np.nan
+    p = make_problem(make_log(yaw_rate=x))
+    assert len(p.get_measured(p.channels.index("yaw_rate"))) == 88
+
+
 def test_the_slow_error_of_a_channel_is_a_share_of_its_signal_or_of_its_sensor() -> None:
     """Of two logs, without their biases: a sine of amplitude 0.4 has the rms
     0.4/sqrt(2)."""
@@ -221,6 +277,27 @@ def test_a_velocity_is_simulated_only_for_a_log_that_measures_one(monkeypatch) -
     assert set(p.simulate(0, p.mean, np.zeros(0))) == {"accel_x", "accel_y", "yaw_rate"}
     assert "ins_vel_y" in p.simulate(1, p.mean, np.zeros(0))
     assert calls[0][1] == p.channels[:3] and set(calls[1][1]) > {"vel_x", "vel_y", "true_yaw_rate"}
+
+
+def test_a_velocity_is_that_at_the_place_and_in_the_axes_of_its_sensor_delayed() -> None:
+    """With complex numbers: v + i r (place), turned back by the heading."""
+    log = make_log(ins_vel_x=np.zeros(ROWS), ins_vel_y=np.zeros(ROWS), gnss_speed=np.zeros(ROWS))
+    t = log.time
+    config = Config.exact({"velocity_lever_x": 1.5, "velocity_lever_y": -0.4, "velocity_heading": 0.3,
+                           "velocity_latency": 0.05})  # fmt: skip
+    found = problem.convert_velocities(
+        {"vel_x": 10 + t, "vel_y": 2 - 0.3 * t, "true_yaw_rate": 0.5 + 0.1 * t}, config, log
+    )
+    s = t - 0.05
+    speed = (10 + s) + 1j * (2 - 0.3 * s) + 1j * (0.5 + 0.1 * s) * (1.5 - 0.4j)
+    seen = speed * np.exp(-0.3j)
+    np.testing.assert_allclose(found["ins_vel_x"][10:], seen.real[10:], rtol=1e-9)
+    np.testing.assert_allclose(found["ins_vel_y"][10:], seen.imag[10:], rtol=1e-9)
+    np.testing.assert_allclose(found["gnss_speed"][10:], np.abs(seen)[10:], rtol=1e-4)
+    alone = problem.convert_velocities(
+        {"vel_x": t, "vel_y": t, "true_yaw_rate": t}, config, make_log(gnss_speed=np.zeros(ROWS))
+    )
+    assert set(alone) == {"gnss_speed"}
 
 
 def test_residuals_are_measured_minus_simulated_minus_bias_of_the_rows_with_a_value(monkeypatch) -> None:
@@ -314,6 +391,15 @@ def test_slopes_are_differences_over_the_step_and_a_log_has_its_own_lean_and_bia
             np.testing.assert_allclose(table[:, p.names.index(f"{c}~{i}")][:20], own[:20])
 
 
+def test_the_step_of_a_slope_is_a_share_of_the_prior_sd_a_smaller_one_for_a_compliance(monkeypatch) -> None:
+    p = make_problem(names=("relaxation_length", "cy_front", "cx_front"))
+    seen: list[np.ndarray] = []
+    monkeypatch.setattr(p, "compute_residuals", lambda x, z: seen.append(x - p.mean) or p.time)
+    p.compute_slopes(p.mean, np.zeros(0), p.time)
+    moved = np.sum(seen, axis=0)
+    np.testing.assert_allclose(moved[:4] / p.sd[:4], [0.005, 0.0005, 0.005, 0.005])
+
+
 def test_slopes_of_the_road_are_of_the_value_that_acts_in_each_place(monkeypatch) -> None:
     log = make_log()
     p = make_problem(log, road=Knots.lay([log.distance]))
@@ -343,7 +429,7 @@ def test_slopes_of_the_road_are_of_the_value_that_acts_in_each_place(monkeypatch
 
 def test_a_known_car_has_the_stiffness_that_was_found_at_each_axle() -> None:
     names = ("cx_front", "cy_front", "cy_rear", "relaxation_length", "longitudinal_stiffness_rear")
-    for follows, rear in ((1.0, 1.3), (0.0, 1.0)):
+    for follows, rear in ((1.0, 1.3), (0.5, 1.15), (0.0, 1.0)):
         p = make_problem(names=names, settings={"rear_longitudinal_follows_front": follows})
         x = p.mean.copy()
         x[:5] = np.log(1.3), 1 / 0.8, 1 / 1.2, 0.7, 5e4
@@ -370,6 +456,16 @@ def test_the_size_of_a_channel_is_its_rms_over_a_second() -> None:
     assert piece.size[100] == pytest.approx(np.sqrt((9 * 12 + 16 * 13) / 25))
     np.testing.assert_array_equal(piece.residual, np.arange(269.0))
     np.testing.assert_array_equal(piece.time, p.time[2])
+
+
+def test_the_size_of_accel_x_is_that_of_the_speed_that_it_would_have_made() -> None:
+    """Of a constant 0.5 m/s2: 0.5 m/s after some time, and its slip; the mean over a
+    value of ten blocks."""
+    p = make_problem(make_log(accel_x=np.full(ROWS, 0.5)))
+    speed = 0.5 * (1 - np.exp(-0.04 * np.arange(1, 270))) + 0.5 * 12 * p.compute_slip_time()
+    piece = p.make_piece(0, np.zeros(26))
+    window = [np.mean(speed[k - 12 : k + 13] ** 2) for k in range(60, 70)]
+    assert piece.size[6] == pytest.approx(np.sqrt(np.mean(window)), rel=1e-6)
 
 
 def test_what_lasts_is_measured_for_each_sensor_over_all_logs(monkeypatch) -> None:
@@ -559,3 +655,30 @@ def test_the_share_of_the_model_error_is_that_of_nine_of_ten_intervals(monkeypat
     assert lasting.measure_share(few, [np.full(110, 3.0)])[1] == pytest.approx(16 / 25)
     least = [Piece(time[:15], np.full(15, 4.0), sign[:15])]
     assert lasting.measure_share(least, [np.full(15, 3.0)]) == (0.0, 0.0)
+
+
+def test_an_interval_has_its_own_signal_floor_and_error_about_the_mean_of_its_log(monkeypatch) -> None:
+    """Two logs of six intervals of 10 s, with a power of 0.4 s times the variance."""
+    rng, time = np.random.default_rng(4), 0.1 * np.arange(600)
+    by = rng.uniform(0.5, 3.0, (3, 2, 6)).repeat(100, axis=2)
+    size, floor, residual = by * rng.uniform(0.2, 1.8, by.shape)
+    residual = np.stack([residual[0], residual[1] + 20.0])
+    square = float(np.mean((residual - residual.mean(axis=1, keepdims=True)) ** 2))
+    monkeypatch.setattr(lasting, "measure_lasting", lambda pieces: Lasting(0.4 * square, 0.0))
+    pieces = [Piece(time, s, r) for s, r in zip(size, residual, strict=True)]
+    share, count = lasting.measure_share(pieces, list(floor))
+    error = (residual - residual.mean(axis=1, keepdims=True)).reshape(12, 100)
+    signal, least = (np.mean(x.reshape(12, 100) ** 2, axis=1) for x in (size, floor))
+    ratios = 0.4 * np.mean(error**2, axis=1) / (signal + least)
+    assert share == pytest.approx(np.sqrt(np.quantile(ratios, 0.9)))
+    assert count == pytest.approx(np.sum(signal / (signal + least)))
+
+
+def test_the_step_of_residuals_is_their_usual_one_whatever_gaps_there_are() -> None:
+    """The power of a wave does not change if its halves are a thousand seconds apart."""
+    time = 0.1 * np.arange(2000)
+    wave = np.sin(2 * np.pi * time / 20)
+    whole = lasting.measure_lasting([Piece(time, time, wave)])
+    apart = lasting.measure_lasting([Piece(np.where(time < 100, time, time + 1000), time, wave)])
+    assert apart.power == pytest.approx(whole.power, rel=0.03)
+    assert apart.walk == pytest.approx(whole.walk, rel=0.03)
