@@ -281,6 +281,29 @@ def test_a_search_stops_at_its_limit_of_steps_where_it_is() -> None:
     np.testing.assert_array_equal(fit.fit(p, max_steps=0).search, p.high)
 
 
+def test_a_step_that_raises_the_cost_is_halved_in_car_and_road_if_its_slopes_are_exact(monkeypatch) -> None:
+    """The first two lengths raise the cost, the third one does not."""
+    p, tried = Linear(4), []
+    plain = p.compute_residuals
+
+    def worsen(x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        tried.append((x, z))
+        return [e + (100.0 if len(tried) in (2, 3) else 0.0) for e in plain(x, z)]
+
+    monkeypatch.setattr(fit, "_fit_road", lambda *_: None)
+    monkeypatch.setattr(p, "compute_residuals", worsen)
+    found = fit.fit(p, max_steps=1)
+    x, z = tried[0]
+    assert len(tried) == 5 and found.steps == 1  # the start, three lengths, and level roads
+    steps = [(a - x, b - z) for a, b in tried[1:4]]
+    for k in (1, 2):
+        np.testing.assert_allclose(steps[k][0], steps[0][0] * 0.5**k)
+        np.testing.assert_allclose(steps[k][1], steps[0][1] * 0.5**k)
+    np.testing.assert_array_equal(found.search, tried[3][0])
+    np.testing.assert_array_equal(found.z, tried[3][1])
+    assert np.abs(steps[0][1]).min() > 0.001
+
+
 def test_slopes_that_are_known_at_the_start_are_not_simulated_again() -> None:
     p = Linear()
     best = fit.fit(p)
@@ -467,6 +490,85 @@ def test_what_narrows_one_interval_by_a_tenth_is_proposed_cheapest_first(
     head, first, *_ = advice.describe_offers({"cy_front": 0.1, "cy_rear": 0.2}, found)
     assert head.startswith("Cornering stiffness, front and rear: now +- 20 and +- 39 %.")
     assert first == f"  {expected[0]}: +- 19 and +- 17 %"
+
+
+class Other:
+    """Stands in for the CarProblem of further logs: residuals a x + b z + 70."""
+
+    car, knots, knot_sd, groups = 4, 2, 0.5, ((0, "yaw_rate"), (0, "ins_vel_y"))
+    names = ("velocity_latency", "cy_rear", "cy_front", "yaw_inertia", "steer_angle_latency", "yaw_rate~0")
+
+    def __init__(self, *given: object):
+        rng, n = np.random.default_rng(6), len(self.names)
+        self.given, self.asked = given, []
+        self.a, self.b = rng.standard_normal((2, 30, n)), rng.standard_normal((2, 30, 2))
+        self.mean, self.information = np.arange(10.0, 10.0 + n), np.diag(np.arange(1.0, 1.0 + n))
+
+    def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        self.asked.append((x, z))
+        return [np.full(30, 70.0), np.full(30, 70.0)]
+
+    def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        assert base[0][0] == 70.0
+        return list(self.a)
+
+    def compute_road_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
+        return [csc_matrix(b) for b in self.b]
+
+    def invert(self, sds: tuple[float, float]) -> np.ndarray:
+        """Return the covariance of x and z if the residuals of the channels have these
+        sds."""
+        both = np.concatenate([np.hstack([a, b]) / sd for a, b, sd in zip(self.a, self.b, sds, strict=True)])
+        prior = np.append(np.diag(self.information), np.full(2, 4.0))
+        return np.linalg.inv(both.T @ both + np.diag(prior))
+
+
+def test_a_manoeuvre_adds_what_its_residuals_show_of_the_car_and_not_the_prior_again(monkeypatch) -> None:
+    """The information of the car with the roads and biases of the manoeuvre unknown."""
+    made: list[Other] = []
+    monkeypatch.setattr(advice, "CarProblem", lambda *given: made.append(Other(*given)) or made[-1])
+    monkeypatch.setattr(advice, "_make_log", lambda problem, steer: ("log of", steer))
+    problem, ended = make_advised()
+    problem.logs, problem.jobs, problem.information = [], 3, np.diag([0.1, 0.2, 0.3, 0.4, 0.5])
+    ended.search = np.arange(1.0, 6.0)
+    ended.scales = {"yaw_rate": ResidualScale(0.1, 0.2), "ins_vel_y": ResidualScale(0.3, 0.4)}
+    found = advice.compute_sd_after(problem, ended, advice.steer_steps)
+    (other,) = made
+    assert other.given == ([("log of", advice.steer_steps)], problem.config, problem.prior, 3)
+    np.testing.assert_array_equal(other.asked[0][0], [1, 2, 3, 4, 14, 15])  # its own unknowns: the prior
+    np.testing.assert_array_equal(other.asked[0][1], [0, 0])
+    added = np.linalg.inv(other.invert((0.2, 0.4))[:4, :4]) - np.diag([0.1, 0.2, 0.3, 0.4])
+    whole = np.linalg.inv(np.linalg.inv(ended.equations.information)[:4, :4]) + added
+    sd = np.sqrt(np.diag(np.linalg.inv(whole)))
+    assert found == pytest.approx({"cy_front": 2.0 * sd[0], "cy_rear": 0.5 * sd[1]})
+
+
+@pytest.mark.parametrize("leans", [0, 2])
+def test_a_velocity_has_the_slow_error_of_its_sensor_and_an_unknown_place(monkeypatch, leans: int) -> None:
+    """Its residuals are correlated as those of the gyro."""
+    made: list[Other] = []
+    monkeypatch.setattr(advice, "CarProblem", lambda *given: made.append(Other(*given)) or made[-1])
+    monkeypatch.setattr(advice, "make_prior", lambda vehicle, config, velocity: ("prior", velocity))
+    problem, ended = make_advised()
+    problem.prior.names.remove("velocity_latency")
+    time = 0.01 * np.arange(50)
+    log = PreparedLog(Path("a.csv"), time, {}, {"yaw_rate": time}, {"yaw_rate": 0.1}, [], 4, time)
+    problem.logs, problem.jobs, problem.road, problem.leans = [log, log], 3, "road", leans
+    problem.config.ins_velocity_sd = 0.3
+    ended.search, ended.z = np.arange(1.0, 6.0), np.array([0.1, 0.2])
+    ended.scales = {"accel_y": ResidualScale(5.0, 5.0), "yaw_rate": ResidualScale(0.1, 0.2)}
+    found = advice._compute_sd_with_velocity(problem, ended, make_default_vehicle())
+    (other,) = made
+    logs, *rest = other.given
+    assert rest == [problem.config, ("prior", True), 3, "road", leans > 0]
+    assert [set(g.measured) for g in logs] == [{"yaw_rate", "ins_vel_y"}] * 2 and set(log.measured) == {
+        "yaw_rate"
+    }
+    assert logs[0].noise == {"yaw_rate": 0.1, "ins_vel_y": 0.0} and len(logs[1].measured["ins_vel_y"]) == 50
+    np.testing.assert_array_equal(other.asked[0][0], [10, 2, 1, 3, 4, 5])  # the place: its prior mean
+    np.testing.assert_array_equal(other.asked[0][1], ended.z)
+    sd = np.sqrt(np.diag(other.invert((0.2, 0.5 * 0.3 * 0.2 / 0.1))))
+    assert found == pytest.approx({"cy_front": 2.0 * sd[2], "cy_rear": 0.5 * sd[1]})
 
 
 def test_the_log_of_a_manoeuvre_has_the_rows_channels_and_noise_of_the_first_log() -> None:
