@@ -283,6 +283,44 @@ def test_the_whole_result_counts_logs_minutes_steps_and_what_is_not_shown() -> N
     assert not any("Not reliable" in line for line in result.describe_result(made))
 
 
+def test_the_misfit_of_fitted_and_held_out_logs_is_reported_apart_with_velocity_and_advice(
+    monkeypatch,
+) -> None:
+    proofs = [
+        make_proof(accel_y=ACCEL), make_proof("b.csv", True, accel_y=ProofChannel(2.0, 1.6, 1.2, 0.03)),
+        make_proof("c.csv", yaw_rate=ProofChannel(0.5, 0.3, 0.1, 0.004)),
+    ]  # fmt: skip
+    made = make_result(proofs=proofs, offers=[Offer("steps", {"cy_front": 0.01, "cy_rear": 0.01})])
+    monkeypatch.setattr(result, "describe_velocity_gain", lambda r: ["velocity"])
+    lines = result.describe_result(made)
+    assert lines[1:5] == [
+        "accel_y of fitted logs: rms error 1 m/s2 before, 0.5 after, sensor noise 0.1 (75 % of the signal "
+        "explained before, 94 % after).",
+        "yaw_rate of fitted logs: rms error 0.3 rad/s before, 0.1 after, sensor noise 0.004 (64 % of the "
+        "signal explained before, 96 % after).",
+        "accel_y of held-out logs: rms error 1.6 m/s2 before, 1.2 after, sensor noise 0.03 (36 % of the "
+        "signal explained before, 64 % after).",
+        "velocity",
+    ]
+    assert lines[-2:] == made.advice and len(lines) == 7
+
+
+def test_the_summary_ends_with_what_contradicts_and_what_to_check() -> None:
+    worse = make_proof(accel_y=ProofChannel(1, 1, 2, 0))
+    made = make_result({"wheel_radius_front": 0.4}, proofs=[worse, make_proof("b.csv", accel_y=ACCEL)])
+    made.findings = [replace(f, before=f.prior) for f in made.findings]
+    lines = result.summarise_result(made, "stiff")
+    assert lines[-2].startswith("a.csv contradicts") and lines[-1].startswith("Check the vehicle file: wheel")
+    assert "of the fitted logs: rms error of the simulation 1.5 m/s2, before 1;" in lines[3]  # of both
+
+
+def test_a_group_differs_if_it_is_far_from_the_vehicle_file_whatever_its_prior() -> None:
+    far = make_finding("a", 0.7, 0.2, before=0.0, prior=0.7)
+    near = make_finding("b", 0.7, 0.2, before=0.7, prior=0.0)
+    made = make_result(groups=[FindingGroup("roll", 9.0, (near,)), FindingGroup("pitch", 5.0, (far,))])
+    assert result.summarise_result(made, "stiff")[1] == "Also found: pitch."
+
+
 def test_the_summary_names_groups_that_differ_and_the_held_out_logs() -> None:
     far, near = make_finding("a", 0.7, 0.2), make_finding("b", 0.5, 0.2)
     groups = [
@@ -364,6 +402,36 @@ def test_uncertainties_are_the_posterior_sds_of_their_numbers(monkeypatch) -> No
     made.fit.covariance[i, k] = made.fit.covariance[k, i] = -0.9 * 0.004 * 0.0003
     both = 0.004**2 + (9.81 * 0.0003) ** 2 - 2 * 0.9 * 0.004 * 9.81 * 0.0003  # only their sum is known
     assert collect_uncertainty(monkeypatch, made)["accel_y_scale_sd"] == pytest.approx(np.sqrt(both))
+
+
+def test_the_uncertainty_of_the_radii_is_that_of_their_ratio(monkeypatch) -> None:
+    """Relative sds of 1 and 2 %; an error in common does not change the ratio."""
+    made = make_result({"wheel_radius_front": 0.5, "wheel_radius_rear": 0.25, "yaw_inertia": 4000.0},
+                       {"wheel_radius_front": 0.005, "wheel_radius_rear": 0.005,
+                        "yaw_inertia": 80.0})  # fmt: skip
+    found = collect_uncertainty(monkeypatch, made)
+    assert found["wheel_radius_sd"] == pytest.approx(np.hypot(0.01, 0.02))
+    assert found["yaw_inertia_sd"] == pytest.approx(0.02)
+    i, k = (made.problem.names.index(f"wheel_radius_{a}") for a in ("front", "rear"))
+    made.fit.covariance[i, k] = made.fit.covariance[k, i] = 0.8 * 0.005**2
+    expected = np.sqrt(0.01**2 + 0.02**2 - 2 * 0.8 * 0.01 * 0.02)
+    assert collect_uncertainty(monkeypatch, made)["wheel_radius_sd"] == pytest.approx(expected)
+
+
+def test_the_error_of_the_model_is_that_on_level_roads_joined_with_that_of_the_file(monkeypatch) -> None:
+    made, asked = make_result(), []
+    made.fit.level, made.fit.residuals = ["level"], ["on the road that was fitted"]
+    made.vehicle.values["model_sd"] = 0.11
+    monkeypatch.setattr(output, "estimate_model_sd", lambda *given: asked.append(given) or 0.07)
+    output.collect_uncertainty(made)
+    assert asked == [(made.problem, ["level"], 0.11)]
+    seen: list[object] = []
+    made.problem.measure_lasting = lambda residuals: seen.append(residuals) or {}
+    made.sensors = {"wheel_noise_sd": 0.1}
+    workflow._collect_sensors(made.problem, made.fit, [])
+    output.to_json(made)
+    page._list_facts(made)
+    assert seen == [["level"]] * 3
 
 
 def test_an_uncertainty_that_no_log_shows_is_that_of_the_file_or_of_any_car(monkeypatch) -> None:
@@ -456,6 +524,22 @@ def test_the_calibrated_file_has_what_was_found_beside_what_was_stated(monkeypat
     assert "own = true" in "\n".join(lines)
 
 
+def test_the_calibrated_file_has_the_place_of_the_velocity_sensor_and_comments_on_wheel_latencies(
+    monkeypatch,
+) -> None:
+    made = make_result({"velocity_lever_x": 1.5, "velocity_latency": 0.04}, velocity=True)
+    monkeypatch.setattr(output, "estimate_model_sd", lambda *a: 0.07)
+    monkeypatch.setattr(
+        output, "describe_wheel_latencies", lambda p, f: {"wheel_speed_rear_latency": ", estimated apart"}
+    )
+    text = output.format_calibrated(made, ["a.csv"], Path("f.toml"))
+    read = make_vehicle(parse_toml(text), Path("c.toml"))
+    assert (read.values["velocity_lever_x"], read.values["velocity_latency"]) == (1.5, 0.04)
+    assert read.values["velocity_lever_sd"] == pytest.approx(0.05 * 0.1, rel=0.01)
+    (line,) = (x for x in text.splitlines() if x.startswith("wheel_speed_rear = "))
+    assert line.endswith(", estimated apart")
+
+
 def test_the_json_file_has_findings_evidence_and_both_kinds_of_stiffness(monkeypatch, tmp_path) -> None:
     made = make_result(
         {"cy_rear": np.log(0.9)}, leans=(0.1,), proofs=[make_proof(accel_y=ACCEL)],
@@ -516,6 +600,46 @@ def test_a_note_on_an_effect_stands_below_its_heading_also_where_it_is_off() -> 
     assert lines[k + 1 : k + 3] == ["# one", "# two"] and lines[k + 3].startswith("gain = 0.008")
     k = lines.index(f"# {titles['pitch_leak']}")
     assert lines[k - 1 : k + 2] == ["", f"# {titles['pitch_leak']}", "# not found"]
+
+
+def test_a_vehicle_file_names_the_file_of_its_formula() -> None:
+    formula = SimpleNamespace(text="a * b", place="front_angle")
+    for given, file, there in ((formula, Path("x/f.toml"), True), (formula, None, False),
+                               (None, Path("f.toml"), False)):  # fmt: skip
+        vehicle = replace(Vehicle(Path("car.toml"), "car", {}, {"facts": [1, 2], "a": True}), formula=given)
+        text = vehicle_file.format_vehicle(["# t"], vehicle, CAR, {}, ["[calibration]"], {}, {}, file)
+        read = parse_toml(text)
+        assert (read.get("formula") == {"file": "f.toml"}) == there and ("formula" in read) == there
+        assert "facts" not in read and read["a"] is True and "latency" not in read
+
+
+@pytest.mark.parametrize(
+    ("left", "count", "expected"), [(0.3, 0.0, 0.1), (0.3, 2.0, np.sqrt(0.05)), (0.05, 180.0, 0.0507)]
+)
+def test_the_error_of_the_model_in_the_file_counts_as_two_intervals(
+    monkeypatch, left, count, expected
+) -> None:
+    monkeypatch.setattr(vehicle_file, "measure_unexplained", lambda *_: (left, count))
+    assert vehicle_file.estimate_model_sd(None, [], 0.1) == pytest.approx(expected, rel=0.01)
+    monkeypatch.setattr(vehicle_file, "measure_unexplained", lambda *_: (1e6, 9.0))
+    assert vehicle_file.estimate_model_sd(None, [], 0.1) == Config().fields["model_sd"].high
+
+
+def test_what_is_unexplained_is_that_of_the_gyro_in_all_logs_against_half_a_metre_per_second_squared(
+    monkeypatch,
+) -> None:
+    asked: list[tuple] = []
+    monkeypatch.setattr(vehicle_file, "measure_share", lambda *given: asked.append(given) or (0.2, 3.0))
+    p = SimpleNamespace(
+        groups=[(0, "accel_y"), (0, "yaw_rate"), (1, "yaw_rate")],
+        make_piece=lambda g, residual: (g, residual), compute_unit_yaw_rate=lambda g: np.full(3, 0.1 * g),
+    )  # fmt: skip
+    assert vehicle_file.measure_unexplained(p, ["a", "b", "c"]) == (0.2, 3.0)
+    ((pieces, floor),) = asked
+    assert pieces == [(1, "b"), (2, "c")]
+    np.testing.assert_allclose(floor, [[0.05] * 3, [0.1] * 3])
+    p.groups = p.groups[:1]
+    assert vehicle_file.measure_unexplained(p, ["a"]) == (0.0, 0.0)
 
 
 # ---- the page
