@@ -823,6 +823,32 @@ def test_a_calibration_needs_the_seconds_that_are_asked_for(monkeypatch) -> None
     )
 
 
+def test_a_calibration_is_tested_on_fitted_logs_and_on_held_out_ones_that_can_be_used(monkeypatch) -> None:
+    """Both kinds are read in the same way and lie on the same road."""
+    seen: dict[str, Any] = {"read": []}
+    vehicle = make_default_vehicle()
+    problem = SimpleNamespace(config="config")
+    monkeypatch.setattr(
+        workflow, "read_agreeing", lambda logs, notes, r: seen["read"].append((logs, r)) or logs
+    )
+    monkeypatch.setattr(workflow, "place_on_known", lambda road, logs, car: [f"{x} on {road}" for x in logs])
+    monkeypatch.setattr(workflow, "_make_problem", lambda *given: seen.update(problem=given) or problem)
+    monkeypatch.setattr(workflow, "fit", lambda p, say, max_steps: f"fit of {max_steps} steps")
+    monkeypatch.setattr(workflow, "apply_slip_regression", lambda p, f, logs, car: (f, tuple(logs)))
+    monkeypatch.setattr(workflow, "_prove_fitted", lambda p, f: ["fitted"])
+    monkeypatch.setattr(workflow, "_prepare_logs", lambda logs, config, notes, say: [None, *logs, config])
+    monkeypatch.setattr(workflow, "_prove_held_out", lambda p, f, logs: [("held out", f, *logs)])
+    monkeypatch.setattr(workflow, "_make_result", lambda car, p, f, logs, proofs, notes: (f, logs, proofs))
+    said: list[str] = []
+    found, read, proofs = workflow.run(["a", "b"], vehicle, ["c"], 3, said.append, 9, road="road")
+    assert read == ["a on road", "b on road"] and found == ("fit of 9 steps", tuple(read))
+    assert proofs == ["fitted", ("held out", found, "c on road", "config")]
+    assert [logs for logs, _ in seen["read"]] == [["a", "b"], ["c"]]
+    assert all(r.car is vehicle for _, r in seen["read"]) and said == ["testing the result"]
+    assert seen["problem"][:3] == (read, vehicle, 3)
+    assert workflow.run(["a"], vehicle, [], 1, said.append)[2] == ["fitted"]
+
+
 def test_a_known_road_lies_under_every_log_and_none_changes_nothing() -> None:
     s = np.arange(0.0, 201.0, 5.0)
     road = make_road(s, x=s, y=0 * s).with_profile(s, grade=s / 1e4)

@@ -107,6 +107,21 @@ def test_far_from_the_maximum_residuals_are_weighted_as_independent_ones() -> No
     assert measure(e, [0.1], step=3.0).sd == pytest.approx(near.rms)  # a value lasts longer than that
 
 
+def test_each_channel_has_its_own_residuals_noise_and_step_in_all_logs() -> None:
+    rng = np.random.default_rng(2)
+    e = [0.3 * rng.standard_normal(900), 2.0 * rng.standard_normal(500), 0.3 * rng.standard_normal(300)]
+    problem = SimpleNamespace(
+        channels=("accel_x", "yaw_rate"), groups=[(0, "yaw_rate"), (0, "accel_x"), (1, "yaw_rate")],
+        compute_noise=lambda g: (0.1, 1.5, 0.2)[g], get_step=lambda g: (0.04, 0.4, 0.04)[g],
+        compute_lasting_error=lambda c: 0.0,
+    )  # fmt: skip
+    found = fit.measure_scales(problem, e)
+    assert found["accel_x"].sd ** 2 == pytest.approx(1.5**2 + 5 * (found["accel_x"].rms ** 2 - 1.5**2))
+    noise = (900 * 0.1**2 + 300 * 0.2**2) / 1200
+    assert found["yaw_rate"].sd ** 2 == pytest.approx(noise + 50 * (found["yaw_rate"].rms ** 2 - noise))
+    assert found["yaw_rate"].rms == pytest.approx(0.3, rel=0.05)
+
+
 def test_residuals_are_at_least_as_large_as_noise_and_lasting_error_together() -> None:
     """Of two logs, the longer one counts more: noise^2 is the mean over their values."""
     none = [np.zeros(300), np.zeros(100)]
@@ -362,6 +377,25 @@ def test_errors_in_common_join_radii_and_messages_and_nothing_else() -> None:
     np.testing.assert_array_equal(prior.mean[stiffness], 0.0)
     np.testing.assert_allclose(prior.sd[stiffness], 0.5)
     np.testing.assert_array_equal(-prior.low[stiffness], prior.high[stiffness])
+
+
+def test_an_uncertainty_that_the_file_states_is_a_prior_sd_but_for_errors_in_common() -> None:
+    vehicle = make_default_vehicle()
+    sds = {"relaxation_sd": 0.1, "steer_offset_sd": 0.0, "yaw_inertia_sd": 0.2, "accel_delay_sd": 0.5}
+    vehicle.values |= sds | {"trail_sd": 0.07}
+    config = Config.exact({"yaw_inertia": 3000.0})
+
+    def get(given: list[str]) -> dict[str, float]:
+        vehicle.given_uncertainty = given
+        prior = unknowns.make_prior(vehicle, config)
+        return dict(zip(prior.names, prior.sd, strict=True))
+
+    plain, found = get([]), get(list(sds))
+    assert found["relaxation_length"] == pytest.approx(0.1)
+    assert found["steering_offset_angle"] == pytest.approx(0.01 * plain["steering_offset_angle"])
+    assert (plain["yaw_inertia"], found["yaw_inertia"]) == pytest.approx((300.0, 600.0))
+    same = set(found) - {"relaxation_length", "steering_offset_angle", "yaw_inertia"}
+    assert {n: found[n] for n in same} == {n: plain[n] for n in same}  # also the trail, which is not stated
 
 
 def test_the_place_of_a_velocity_sensor_is_an_unknown_where_a_velocity_is_measured() -> None:

@@ -173,6 +173,16 @@ def test_a_car_that_accelerates_spins_its_wheels_up_and_weighs_fast_rows_as_15_m
     assert found.x[k, 2] == pytest.approx(1500 / 1e5 * 0.8 * 18 / 1500, rel=0.2)
 
 
+def test_an_acceleration_is_the_mean_over_600_ms_of_the_slope_of_the_mean_speed() -> None:
+    """From 10 s on at 1 m/s2. The mean speed gains 1 m/s2 after 0.3 s, and the mean of
+    that 7/8 of it."""
+    speed = 10.0 + np.maximum(TIME - 10.0, 0.0)
+    log = make_checked(TIME, wheel_speed_front=speed / 0.3, wheel_speed_rear=speed / 0.4, accel_x=1.0)
+    found = slip._select_samples(make_car(), log)
+    gains = found.x[:, 1] * found.weight
+    np.testing.assert_allclose(gains[[94, 100, 103, 106]], [0.0, 0.5, 0.875, 1.0], atol=0.02)
+
+
 def test_the_force_of_two_driven_axles_is_shared_as_their_torques() -> None:
     """400 and 100 Nm are 1333 and 250 N, so 0.722 m/s2 apart."""
     torques = {"wheel_torque_front": 400.0 + 0 * TIME, "wheel_torque_rear": 100.0 + 0 * TIME}
