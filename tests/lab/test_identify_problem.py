@@ -358,6 +358,17 @@ def test_a_yaw_rate_at_1_m_s2_is_one_over_the_speed_which_counts_from_5_m_s() ->
     assert p.average_speed(0)[0] == 12.0  # 0.5 (0.3 x 40 + 0.4 x 30)
 
 
+def test_the_speed_of_a_value_is_that_of_its_own_rows() -> None:
+    """The car accelerates from 8 m/s on at 1.5 m/s2."""
+    log = make_log()
+    log.inputs = log.inputs | {f"wheel_speed_{a}": (8 + 1.5 * log.time) / SETTINGS[f"wheel_radius_{a}"]
+                               for a in ("front", "rear")}  # fmt: skip
+    p = make_problem(log)
+    for g in (0, 2):
+        np.testing.assert_allclose(p.average_speed(g), 8 + 1.5 * p.time[g])
+    np.testing.assert_allclose(p.compute_unit_yaw_rate(2), 1 / (8 + 1.5 * p.time[2]))
+
+
 # ---- partial derivatives
 
 

@@ -376,6 +376,31 @@ def test_outliers_hardly_move_the_result() -> None:
     assert found[0] == pytest.approx(1.3, rel=0.02) and abs(found[5]) < 0.001
 
 
+def test_many_outliers_on_one_side_lose_their_influence_from_step_to_step() -> None:
+    """One in ten is off by 0.5: a mean is off by 0.05."""
+    p = draw_samples(10, B, 0.0)
+    p.slip[::10] += 0.5
+    found, _ = slip._solve([p], PRIOR[:6])
+    assert abs(found[5]) < 0.002 and found[0] == pytest.approx(1.3, rel=0.05)
+
+
+def test_errors_that_are_large_where_a_regressor_is_make_its_sd_larger_beside_its_prior() -> None:
+    """40 blocks of 20 samples, of which each has a single error: 1 e-3 where the
+    regressor is 1, in 24 blocks, 1.9 e-3 where it is 2. A prior as sure as the log."""
+    size, sign = np.repeat([1.0, 2.0], [24, 16]), np.tile([1.0, -1.0], 20)
+    error = 1e-3 * np.where(size > 1, 1.9, 1.0) * sign
+    x = np.zeros((800, 5))
+    x[:, 1] = size.repeat(20)
+    part = slip._Samples(x, np.zeros(800), error.repeat(20), np.ones(800), np.arange(40).repeat(20))
+    shown = np.sum(size**2) / np.mean(error**2)  # blocks count as one sample
+    scores = np.sum((size * error / np.mean(error**2)) ** 2)
+    prior = np.array([1e3, shown**-0.5, 0.1, 0.1, 0.25, 1e-9])
+    found, sd = slip._solve([part], prior)
+    assert found[1] == pytest.approx(0.0, abs=1e-9)
+    assert sd[1] == pytest.approx(np.sqrt(scores + shown) / (2 * shown), rel=1e-3)
+    assert sd[1] > 1.05 * (2 * shown) ** -0.5
+
+
 def run(monkeypatch, driven: str, b0_sd: float = 0.1, blocks: tuple[int, int] = (3, 3), follows: float = 1.0):
     """Run the regression with a result of _solve() that is given: radii of two logs of 30
     and 10 samples a block are off by 2 and -1 %."""
