@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.interpolate import make_smoothing_spline
 from scipy.ndimage import gaussian_filter1d
 
 from tse.identify import data
@@ -176,21 +177,23 @@ def test_a_channel_that_is_missing_is_named_and_becomes_a_column_without_values(
 
 def test_noise_of_each_channel_is_its_own_and_that_of_a_slower_one_that_of_its_entries() -> None:
     """White noise of 0.2, 0.1 and 0.004 while the car moves, ten times as much while it
-    stands. 15 %: scatter of 2000 values, of 500 for the gyro, which has one entry in four
-    rows, so each row has twice its noise."""
+    is slow: 8.75 rad/s x 0.3 m = 2.6 m/s. 15 %: scatter of 2000 values, of 500 for the
+    gyro, which has one entry in four rows, so each row has twice its noise. A velocity
+    that is repeated has the noise of its new samples."""
     rng, time = np.random.default_rng(2), 0.01 * np.arange(3000)
-    stands = time < 10
-    size = np.where(stands, 10.0, 1.0)
+    slow = time < 10
+    size = np.where(slow, 10.0, 1.0)
     entries = (0.002 * size * rng.standard_normal(3000))[::4]
     log = make_checked(
-        time, {"ins_vel_y": 0.05 * rng.standard_normal(3000)}, yaw_rate=np.interp(time, time[::4], entries),
+        time, {"ins_vel_x": np.repeat(0.08 * rng.standard_normal(1000), 3),
+               "ins_vel_y": 0.05 * rng.standard_normal(3000)}, yaw_rate=np.interp(time, time[::4], entries),
         accel_x=0.2 * size * rng.standard_normal(3000), accel_y=0.1 * size * rng.standard_normal(3000),
-        wheel_speed_front=np.where(stands, 0.0, -40.0), wheel_speed_rear=np.where(stands, 0.0, -30.0),
+        wheel_speed_front=np.where(slow, -10.0, -40.0), wheel_speed_rear=np.where(slow, -7.5, -30.0),
     )  # fmt: skip
     log.slower["yaw_rate"] = SlowChannel(time[::4], entries, 4.0)
     found = data.prepare(log, CAR).noise
     assert found == pytest.approx(
-        {"accel_x": 0.2, "accel_y": 0.1, "yaw_rate": 0.004, "ins_vel_y": 0.05}, rel=0.15
+        {"accel_x": 0.2, "accel_y": 0.1, "yaw_rate": 0.004, "ins_vel_x": 0.08, "ins_vel_y": 0.05}, rel=0.15
     )
 
 
@@ -220,6 +223,8 @@ def test_noise_of_few_values_is_hardly_any_and_of_many_that_of_their_second_diff
     x[::7] = np.nan
     assert data._estimate_noise(x) == pytest.approx(0.3, rel=0.05)
     assert data._estimate_noise(x[:9]) == 1e-6  # 7 values
+    steep = 0.3 * np.random.default_rng(5).standard_normal(4000) + np.arange(4000.0)
+    assert data._estimate_noise(steep) == pytest.approx(0.3, rel=0.05)
 
 
 def test_wheel_noise_is_that_of_the_noisier_axle_within_stretches() -> None:
@@ -234,6 +239,26 @@ def test_wheel_noise_is_that_of_the_noisier_axle_within_stretches() -> None:
     )
     assert log.wheel_noise == pytest.approx(0.2, rel=0.2)
     assert data.prepare(make_checked(time, wheel_speed_front=1.0, wheel_speed_rear=1.0), CAR).wheel_noise == 0
+
+
+@pytest.mark.parametrize("noisy", ["wheel_speed_front", "wheel_speed_rear"])
+def test_wheel_noise_is_that_of_the_axles_alone_where_they_have_values(noisy: str) -> None:
+    """The other axle has hardly any noise, the steering more; 3 values are missing."""
+    rng, time = np.random.default_rng(6), 0.01 * np.arange(1000)
+    columns = {"wheel_speed_front": 40.0, "wheel_speed_rear": 30.0}
+    columns = {c: v + 0.01 * rng.standard_normal(1000) for c, v in columns.items()}
+    columns[noisy] = columns[noisy] + 0.1 * rng.standard_normal(1000)
+    columns[noisy][[300, 500, 501]] = np.nan
+    log = data.prepare(make_checked(time, steer_angle=0.3 * rng.standard_normal(1000), **columns), CAR)
+    assert len(log.stretches) == 1 and log.wheel_noise == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_channel_that_repeats_its_samples_is_smoothed_over_the_new_ones() -> None:
+    rng, time = np.random.default_rng(13), 0.01 * np.arange(1200)
+    value = np.sin(time[::4]) + 0.1 * rng.standard_normal(300)
+    held = np.repeat(value, 4)
+    expected = data.fit_smoothing_spline(time[::4], value)(time)
+    np.testing.assert_allclose(data.smooth_values(time, held)[8:-8], expected[8:-8], atol=0.01)
 
 
 def test_the_road_of_a_log_is_bank_and_grade_and_level_where_they_are_unknown() -> None:
@@ -252,6 +277,8 @@ def test_the_age_of_values_is_the_time_since_they_were_new_where_there_are_any()
     assert data._compute_age(time, held) == pytest.approx(0.02)
     assert data._compute_age(time, np.random.default_rng(7).standard_normal(600)) == 0.0
     assert data._compute_age(time, np.full(600, np.nan)) == 0.0
+    held[300:] = np.nan  # a row without a value has no age
+    assert data._compute_age(time, held) == pytest.approx(0.02)
 
 
 # ---- smoothing
@@ -283,6 +310,17 @@ def test_a_channel_with_entries_of_its_own_is_smoothed_at_the_rows_and_constant_
     log.slower["steer_angle"] = SlowChannel(own[:3], value[:3], 2.0)  # too few to smooth
     raw = np.where(np.arange(800) == 50, np.nan, np.arange(800.0))
     np.testing.assert_array_equal(data._smooth_channel(log, "steer_angle", raw), np.arange(800.0))
+
+
+def test_a_smoothed_channel_is_the_natural_spline_of_its_penalty_also_between_the_rows(monkeypatch) -> None:
+    """Compare with scipy. Values of a parabola have no noise, so they are kept."""
+    rng, time = np.random.default_rng(14), np.cumsum(np.tile([0.01, 0.03, 0.02], 20))
+    y = np.sin(3 * time) + 0.1 * rng.standard_normal(60)
+    monkeypatch.setattr(data, "_choose_penalty", lambda time, y: 1e-5)
+    at = np.linspace(time[0], time[-1], 500)
+    expected = make_smoothing_spline(time, y, lam=1e-5)(at)
+    np.testing.assert_allclose(data.fit_smoothing_spline(time, y)(at), expected, atol=1e-8)
+    assert data.fit_smoothing_spline(time, 3.0 + (0.01 * np.arange(60)) ** 2) is None
 
 
 @pytest.mark.parametrize(

@@ -319,6 +319,24 @@ def test_a_step_that_raises_the_cost_is_halved_in_car_and_road_if_its_slopes_are
     assert np.abs(steps[0][1]).min() > 0.001
 
 
+def test_a_step_with_updated_slopes_that_raises_the_cost_is_not_halved_but_simulated_again(
+    monkeypatch,
+) -> None:
+    p, tried = Linear(), []
+    p.mean, p.sd = p.truth[0] + 20.0, np.full(3, 0.5)  # far off: steps of 0.75
+    p.information, p.low, p.high = np.diag(p.sd**-2.0), np.full(3, -99.0), np.full(3, 99.0)
+    plain = p.compute_residuals
+
+    def worsen(x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        tried.append(x)
+        return [e + (1000.0 if len(tried) == 3 else 0.0) for e in plain(x, z)]
+
+    monkeypatch.setattr(p, "compute_residuals", worsen)
+    found = fit.fit(p, max_steps=2)
+    assert found.steps == 2 and len(tried) == 4 and p.slopes_asked == 2
+    np.testing.assert_allclose(tried[3], tried[2])  # the slopes were right
+
+
 def test_slopes_that_are_known_at_the_start_are_not_simulated_again() -> None:
     p = Linear()
     best = fit.fit(p)

@@ -650,6 +650,18 @@ def test_power_and_walk_of_a_wave_are_those_of_its_definition() -> None:
     assert lasting.measure_lasting(short) == Lasting(0.0, 0.0)
 
 
+def test_a_walk_is_measured_at_lags_from_1_to_10_s_in_steps_of_half_a_second() -> None:
+    """A wave of 1.6 s rises steeply from 0.5 to 0.6 s, a drift up to the longest lag: the
+    mean square is (slope lag)^2."""
+    time, w = 0.1 * np.arange(3000), 2 * np.pi / 1.6
+    found = lasting.measure_lasting([Piece(time, time, 0.3 * np.sin(w * time))])
+    lags = np.arange(1.0, 10.01, 0.5)
+    rise = 0.09 * (np.cos(w * 0.5) - np.cos(w * lags)) / (lags - 0.5)
+    assert found.walk == pytest.approx(np.sqrt(2 * rise.max()), rel=0.02)
+    drift = lasting.measure_lasting([Piece(time, time, 0.02 * time)])
+    assert drift.walk == pytest.approx(0.02 * np.sqrt(2 * (10**2 - 0.5**2) / 9.5))
+
+
 def test_the_share_of_the_model_error_is_that_of_nine_of_ten_intervals(monkeypatch) -> None:
     """A power of 0.4 s times the variance; 11 intervals of 10 s with the variance k^2."""
     monkeypatch.setattr(lasting, "measure_lasting", lambda pieces: Lasting(0.4 * square, 0.0))
