@@ -322,19 +322,64 @@ def test_a_step_that_raises_the_cost_is_halved_in_car_and_road_if_its_slopes_are
 def test_a_step_with_updated_slopes_that_raises_the_cost_is_not_halved_but_simulated_again(
     monkeypatch,
 ) -> None:
-    p, tried = Linear(), []
+    p, tried, asked = Linear(), [], []
     p.mean, p.sd = p.truth[0] + 20.0, np.full(3, 0.5)  # far off: steps of 0.75
     p.information, p.low, p.high = np.diag(p.sd**-2.0), np.full(3, -99.0), np.full(3, 99.0)
     plain = p.compute_residuals
 
     def worsen(x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         tried.append(x)
+        asked.append(p.slopes_asked)
         return [e + (1000.0 if len(tried) == 3 else 0.0) for e in plain(x, z)]
 
     monkeypatch.setattr(p, "compute_residuals", worsen)
     found = fit.fit(p, max_steps=2)
-    assert found.steps == 2 and len(tried) == 4 and p.slopes_asked == 2
+    assert found.steps == 2 and asked == [0, 1, 1, 2]
     np.testing.assert_allclose(tried[3], tried[2])  # the slopes were right
+
+
+@pytest.mark.parametrize(
+    ("gain", "near", "ends"), [(0.09, True, True), (0.11, True, False), (0.09, False, False)]
+)
+def test_a_search_near_the_maximum_ends_if_the_predicted_gain_is_below_a_tenth(
+    monkeypatch, gain, near, ends
+) -> None:
+    monkeypatch.setattr(fit, "_predict_gain", lambda *_: gain)
+    found = fit.fit(Linear(), near=near, max_steps=1)
+    assert found.steps == 1 and found.moved > 0.1 and found.converged == ends
+
+
+def test_a_search_near_the_maximum_ends_where_no_length_of_a_step_reduces_the_cost(monkeypatch) -> None:
+    p, tried = Linear(), []
+    plain = p.compute_residuals
+
+    def worsen(x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        tried.append(x)
+        assert len(tried) < 20
+        return [e + (100.0 if len(tried) > 1 else 0.0) for e in plain(x, z)]
+
+    monkeypatch.setattr(p, "compute_residuals", worsen)
+    found = fit.fit(p, near=True)
+    assert found.converged and found.steps == 0 and len(tried) == 1 + fit.MAX_HALVINGS
+    np.testing.assert_array_equal(found.search, p.mean)
+
+
+def test_after_a_step_the_slopes_are_those_that_predict_it(monkeypatch) -> None:
+    """Residuals have a part that is quadratic in x, which the first slopes lack."""
+    p, seen = Linear(), []
+    plain = p.compute_residuals
+
+    def bend(x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        seen.append((x, [e + 0.2 * (x[0] - 0.2) ** 2 for e in plain(x, z)]))
+        return seen[-1][1]
+
+    monkeypatch.setattr(p, "compute_residuals", bend)
+    found = fit.fit(p, max_steps=1)
+    assert p.slopes_asked == 1 and len(seen) == 2
+    (start, before), (end, after) = seen
+    for table, a, b in zip(found.slopes[0], before, after, strict=True):
+        np.testing.assert_allclose(table @ (end - start), b - a, atol=1e-9)
+    assert abs(found.slopes[0][0] + p.a[0]).max() > 0.01
 
 
 def test_slopes_that_are_known_at_the_start_are_not_simulated_again() -> None:
