@@ -382,6 +382,34 @@ def test_after_a_step_the_slopes_are_those_that_predict_it(monkeypatch) -> None:
     assert abs(found.slopes[0][0] + p.a[0]).max() > 0.01
 
 
+def test_a_move_is_measured_in_posterior_sds_and_scales_follow_from_those_before(monkeypatch) -> None:
+    """With regressors that are hardly different, so sds are larger than each alone."""
+    p, seen = Linear(4), []
+    p.a = [a @ np.array([[1.0, 1.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 1.0]]) for a in p.a]
+    p.y = [a @ p.truth[0] + b @ p.truth[1] + 0.01 * y for a, b, y in zip(p.a, p.b, p.y, strict=True)]
+    plain = fit.measure_scales
+
+    def measure(problem: object, residuals: object, before: object = None, near: bool = True) -> object:
+        seen.append((before, plain(problem, residuals, before, near)))
+        return seen[-1][1]
+
+    monkeypatch.setattr(fit, "measure_scales", measure)
+    found = fit.fit(p, max_steps=1)
+    assert [before for before, _ in seen] == [None, seen[0][1], seen[1][1]]  # start, road, step
+    sd = np.sqrt(np.diag(p.solve(seen[1][1])[1]))[:3]
+    assert found.moved == pytest.approx(np.max(np.abs(found.search - p.mean) / sd), rel=0.1)
+
+
+def test_a_covariance_of_some_channels_is_converted_at_the_place_of_the_search(monkeypatch) -> None:
+    p = Linear()
+    found = fit.fit(p)
+    plain = fit.compute_covariance(p, found, ["yaw_rate"])
+    monkeypatch.setattr(p, "compute_ln_slope", lambda x: 3.0 * x)
+    np.testing.assert_allclose(
+        fit.compute_covariance(p, found, ["yaw_rate"]), plain * np.outer(found.search, found.search)
+    )
+
+
 def test_slopes_that_are_known_at_the_start_are_not_simulated_again() -> None:
     p = Linear()
     best = fit.fit(p)
