@@ -940,6 +940,23 @@ static void test_gaps_are_counted_and_forgotten(void)
   }
 }
 
+/* A logger that pauses while the car waits says nothing about the rows of a drive. */
+static void test_gaps_of_a_car_that_stands_are_not_counted(void)
+{
+  for (int stands = 0; stands < 2; stands++) {
+    tse_output y;
+    start(a_car(), 20, 0, 5);
+    (void)drive(100);
+    for (int n = 0; n < 5; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      u.dt = real(1); /* longer than max_gap */
+      if (stands) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
+      step(&w.p, u, &y);
+    }
+    TEST_ASSERT_TRUE(stands ? number(f.gaps) < 1e-3 : number(f.gaps) > 4.9);
+  }
+}
+
 /* A row at these wheel speeds [m/s], as the car drives on. */
 static tse_input at_speeds(double front, double rear)
 {
