@@ -941,6 +941,8 @@ def test_a_plan_says_how_long_to_drive_and_rates_the_others():
     assert last.split() == ["third", "0.0", "over", "an", "hour", "40", "%"]
     lines = plan.ManeuverPlan("a", "b", [make_option("best", 8.0)]).text(3).splitlines()
     assert lines[0].startswith("To separate a and b, drive: best, once (20 s).") and "one run" in lines[3]
+    lines = plan.ManeuverPlan("a", "b", [make_option("best", 3.0)]).text(3).splitlines()
+    assert lines[0].startswith("To separate a and b, drive: best, for 53 s, 3 times.")  # not 2.67 times
 
 
 @pytest.mark.parametrize(("share", "warns"), [(0.09, True), (0.1, False)])
