@@ -110,8 +110,9 @@ typedef struct tse_effect_parameter {
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
   double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
-  double negligible;             /* if each strength of an effect differs from `def` by less than this,
-                                  * `tselab gap` does not report the effect. 0 for a shape parameter */
+  double negligible;             /* negligible difference of a strength from `def`: `tselab gap` does not
+                                  * report an effect each of whose strengths differs from `def` by less
+                                  * than its own `negligible`. 0 for a shape parameter */
 } tse_effect_parameter;
 
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.

@@ -187,8 +187,10 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   EFFECTS_LAG(LAG_ON)
 }
 
-/* Hooks STIFFNESS and GRIP: compute the secant stiffness at the slips pt->s.
- *   Updated:  pt->k */
+/* Hooks STIFFNESS and GRIP: apply the effects that change the stiffness. Those of hook
+ * GRIP act after those of hook STIFFNESS. They reduce the lateral stiffness to the secant
+ * stiffness, i.e. force / slip angle, at the slip angles in pt->s.
+ *   Updated:  pt->k  given: stiffness without effects */
 static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;

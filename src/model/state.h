@@ -66,7 +66,8 @@ typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
   tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
   tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33 */
-  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the bias of each sensor, in sds of the sensor */
+  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the bias of accel_x, accel_y, yaw_rate, divided
+                                 * by the noise sd of the sensor */
   tse_real w[3][TSE_STRIDE];    /* [1] stiffness/nominal - 1, drawn for the time to the next row */
   tse_real logw[1][TSE_STRIDE]; /* [log2] log weight, relative to the largest one */
 } tse_particles;

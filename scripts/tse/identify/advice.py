@@ -101,8 +101,9 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
 
 
 def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
-    """Return lines of text: first the present intervals, then a line for each proposal.
-    If there is no proposal, return an empty list.
+    """Return lines of text: first the present intervals of the cornering stiffnesses,
+    then, for each proposed drive or measurement, the intervals that would result. If
+    there is no proposal, return an empty list.
     """
 
     def format_sd(sd: dict[str, float]) -> str:

@@ -80,7 +80,8 @@ class World:
 
 
 class Worlds:
-    """The combinations (worlds) that are compared with each other by their probability.
+    """The worlds that are compared with each other by their probability. A world is a
+    combination of named effects and, if there is one, a formula.
 
     `held` has the held-out logs. It is None if there are no held-out logs.
     """
@@ -110,7 +111,8 @@ class Worlds:
             w.probability = float(p)
 
     def with_name(self, effect: str) -> float:
-        """Return the total probability of the worlds in which this effect is named."""
+        """Return the probability that this effect is present: the sum over the worlds
+        that have it among their named effects."""
         return sum(w.probability for w in self.known if effect in w.names)
 
     def find_best(self) -> World:
