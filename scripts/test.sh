@@ -4,8 +4,9 @@
 # is missing is skipped, and the tool is named.
 #
 #   scripts/test.sh              run all tests except slow ones, in double with sanitizers
-#                                and in fixed point: 10 minutes on two cores. Tests of long
-#                                drives run only in fixed point
+#                                and in fixed point: 8 minutes on two cores. Tests of long
+#                                drives run only in fixed point. The first call also
+#                                installs Python packages, which takes a minute
 #   scripts/test.sh --all        run all presets and also the tests that are marked slow, as
 #                                continuous integration does
 #   scripts/test.sh PRESET ...   test only these CMake presets, then run the Python tests

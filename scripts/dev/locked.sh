@@ -11,7 +11,9 @@ set -uo pipefail
 python=$1 lock=$2
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-"$python" -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
+# Python compiles a module when it first imports it. To compile all modules here would take
+# longer than the download.
+"$python" -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes \
   --requirement "$lock" >"$log" 2>&1 && exit 0
 cat "$log" >&2
 if ! grep -qi 'do not match the hashes\|expected sha256\|hashes are required' "$log" \

@@ -584,18 +584,17 @@ static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
 
 /* The sensitivity of the motion to an event, or to a consider parameter, diverges with the
  * motion of an unstable car, also where its variance remains small. The motion then counts
- * as unknown for one row, as it does where its variance diverges. In fixed point a sensitivity saturates long before that. */
-static void test_a_motion_is_lost_while_a_variance_or_sensitivity_of_it_is_huge(void)
+ * as unknown for one row. In fixed point a sensitivity saturates long before that. */
+static void test_a_motion_is_lost_while_one_of_its_sensitivities_is_huge(void)
 {
-  for (int c = 0; c < BY_NUMBER(3, 3, 0); c++) {
+  for (int c = 0; c < BY_NUMBER(2, 2, 0); c++) {
     tse_output y;
     start(a_car(), 20, 0, 5);
     (void)drive(1000);
     int n = 0;
     while (f.k.event[n].kind == EVENT_NONE) n++;
     tse_short *const v = c ? f.k.consider[TSE_CONSIDERED - 1] : f.k.event[n].v;
-    if (c < 2) v[VY] = r_short(TSE_R(-2000));
-    for (int i = 0; i < MOTION && c == 2; i++) f.k.ud.d[i] = real(1e9);
+    v[VY] = r_short(TSE_R(-2000));
     tse_input u = truth_row(&w, 0.01);
     u.missing = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate; /* they would correct the sensitivity */
     step(&w.p, u, &y);
