@@ -11,8 +11,8 @@ set -uo pipefail
 python=$1 lock=$2
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-# Python compiles a module when it first imports it. To compile all modules here would take
-# longer than the download.
+# --no-compile: Python compiles a module when it first imports it, and most modules of these
+# packages are never imported.
 "$python" -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes \
   --requirement "$lock" >"$log" 2>&1 && exit 0
 cat "$log" >&2
