@@ -26,7 +26,7 @@ fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
 # Install the Python package as a link to this checkout, without the library, which is
 # built at the end of this script. Arguments: extras as in pip install.
 install_checkout() {
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --no-build-isolation \
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation \
     --config-settings wheel.cmake=false --editable "$@" || return 1
   # The .pth file has the path of the package and an import hook. Remove the hook: it
   # would take precedence over PYTHONPATH, with which tests use a different copy of the

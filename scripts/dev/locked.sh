@@ -11,9 +11,7 @@ set -uo pipefail
 python=$1 lock=$2
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-# --no-compile: Python compiles a module when it first imports it, and most modules of these
-# packages are never imported.
-"$python" -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes \
+"$python" -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
   --requirement "$lock" >"$log" 2>&1 && exit 0
 cat "$log" >&2
 if ! grep -qi 'do not match the hashes\|expected sha256\|hashes are required' "$log" \
