@@ -155,7 +155,14 @@ def run_within(command: Sequence[object], folder: Path, limit: float) -> tuple[i
 
     Whatever it has started ends with it, also after Ctrl-C.
     """
-    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(folder / "scripts")}
+    # No bytecode is written. Otherwise the bytecode of the file without the fault would
+    # be used, if both files have the same length and were written within one second.
+    env = {
+        **os.environ,
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": str(folder / "scripts"),
+    }
     log = folder / BUILT / "output.txt"
     log.parent.mkdir(exist_ok=True)
     with open(log, "wb") as out:
