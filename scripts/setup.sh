@@ -62,38 +62,6 @@ done
   || fail "no Python 3.10 or later found ($(python3 --version 2>/dev/null || echo "there is no python3"))." \
   "Install one, or set the variable PYTHON to its name."
 
-# ---- the library that tselab calls: it is built while pip downloads
-
-# Print the output of a command only if it fails.
-quietly() {
-  local text
-  text=$("$@" 2>&1) || { printf '%s\n' "$text" >&2; return 1; }
-}
-build_library() {
-  local made_in suffix built
-  made_in=$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null || true)
-  if [ "$made_in" != "$root" ]; then
-    rm -rf build/lab                              # it does not exist, or is of a different checkout
-  fi
-  if ! [ -f build/lab/CMakeCache.txt ] && [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then
-    export CMAKE_GENERATOR=Ninja
-  fi
-  say "library for tselab"
-  quietly cmake --preset lab || fail "cmake could not configure the library."
-  quietly cmake --build --preset lab --parallel || fail "the library does not compile."
-  mkdir -p scripts/tse/library/lib
-  for suffix in so dylib; do
-    built=build/lab/src/libtse.$suffix
-    if [ -e $built ] && ! cmp -s $built scripts/tse/library/lib/libtse.$suffix; then
-      # replace the file by mv, so that a running tselab keeps the old file
-      cp -L $built scripts/tse/library/lib/libtse.$suffix.new
-      mv -f scripts/tse/library/lib/libtse.$suffix.new scripts/tse/library/lib/libtse.$suffix
-    fi
-  done
-}
-build_library &
-library=$!
-
 # ---- .venv with tselab
 
 # The environment is made again if one of these inputs changes. The path of the checkout
@@ -247,5 +215,29 @@ for extra in "$@"; do
   fi
 done
 
-wait "$library" || exit 1
+# ---- the library that tselab calls
+
+made_in=$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null || true)
+if [ "$made_in" != "$root" ]; then
+  rm -rf build/lab                                # it does not exist, or is of a different checkout
+fi
+if ! [ -f build/lab/CMakeCache.txt ] && [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then
+  export CMAKE_GENERATOR=Ninja
+fi
+quietly() {                                       # print the output of a command only if it fails
+  local text
+  text=$("$@" 2>&1) || { printf '%s\n' "$text" >&2; return 1; }
+}
+say "library for tselab"
+quietly cmake --preset lab || fail "cmake could not configure the library."
+quietly cmake --build --preset lab --parallel || fail "the library does not compile."
+mkdir -p scripts/tse/library/lib
+for suffix in so dylib; do
+  built=build/lab/src/libtse.$suffix
+  if [ -e $built ] && ! cmp -s $built scripts/tse/library/lib/libtse.$suffix; then
+    # replace the file by mv, so that a running tselab keeps the old file
+    cp -L $built scripts/tse/library/lib/libtse.$suffix.new
+    mv -f scripts/tse/library/lib/libtse.$suffix.new scripts/tse/library/lib/libtse.$suffix
+  fi
+done
 say "ready: .venv/bin/tselab"
