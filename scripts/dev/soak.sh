@@ -38,13 +38,13 @@ if [ "${1:-}" = --drives ]; then
   done
   {
     printf '# Long random drives\n\n'
-    printf '`scripts/dev/soak.sh --drives %s %s`, commit %s:\n' "${2:-10000000}" "${3:-1}" \
+    printf '`scripts/dev/soak.sh --drives %s %s`, commit %s.\n\n' "${2:-10000000}" "${3:-1}" \
       "$(git rev-parse --short=8 HEAD 2>/dev/null || echo unknown)"
-    printf 'random settings, faults, pauses,\n'
-    printf 'optional channels and learnt states (tests/fuzz/drives.c). Found: number of rows in which a\n'
-    printf 'number is out of range, tse_filter_check() refuses the state, a refused row changes the\n'
-    printf 'state, an age does not grow, or an estimate depends on whether the previous row had an\n'
-    printf 'output.\n\n'
+    printf 'Random settings, faults, pauses, optional channels and learnt states\n'
+    printf '(tests/fuzz/drives.c). Found: number of rows in which a number is out of range,\n'
+    printf 'tse_filter_check() refuses the state, a refused row changes the state, an age does not\n'
+    printf 'grow, or an estimate depends on whether the previous row had an output. A drive in which\n'
+    printf 'something was found is a test since (tests/fuzz/CMakeLists.txt).\n\n'
     printf '| build | rows | found |\n|---|---|---:|\n'
     cat "$table"
   } >scripts/results/drives.md

@@ -1,12 +1,13 @@
 /* paper/paper.h - the particle filter of the paper: stages of its Algorithm 1. Numbers in
  * parentheses are equations of the paper. Internal.
  *
- * Symbols are those of the paper. w: deviation of each stiffness from its nominal value,
- * relative; mu and lam: statistics of w (model/state.h). A measurement is
- * y = h + d w + b + noise (9), b: biases of the sensors. src/EQUATIONS.md gives units: forces are divided
- * by the mass of the car, and each measurement by the sd of its sensor. The recursions of
- * gamma, of nu and of the covariance P of the biases do not contain measurements. These
- * quantities are therefore the same for all particles, and are stored only once. */
+ * Symbols are those of the paper. w is the relative deviation of each stiffness from its
+ * nominal value. mu and lam are statistics of w (model/state.h). A measurement is
+ * y = h + d w + b + noise (9), where b are the biases of the sensors. src/EQUATIONS.md
+ * gives the units: forces are divided by the mass of the car, and each measurement by the
+ * sd of its sensor. The recursions of gamma, of nu and of the covariance P of the biases
+ * do not contain measurements. These quantities are therefore the same for all particles,
+ * and are stored only once. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 

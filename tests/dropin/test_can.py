@@ -79,9 +79,6 @@ def find_tool(name: str) -> Path:
     return Path(found)
 
 
-SLOW = pytest.mark.slow
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("real", ["DOUBLE", "FLOAT", "FIXED"])
 def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> None:

@@ -25,6 +25,9 @@ from tse.channels.log import read_log
 from tse.library.core import NativeFilter
 from tse.runs.keep import CALIBRATED
 
+# whole drives and searches; tests/lab/test_own_parts.py has the parts
+pytestmark = pytest.mark.slow
+
 MINUTES = 1.5
 AXLES = ("cy_front", "cy_rear")
 
@@ -60,7 +63,6 @@ def compute_errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
     return (est[key].to_numpy() / true - 1)[est["time"].to_numpy() > 20]
 
 
-@pytest.mark.slow
 def test_the_stiffness_of_the_car_is_found_and_said(case):
     """At no slip and with the steering's compliance, within its 95 % interval."""
     said = json.loads(case.first.out)["calibration"]
@@ -74,7 +76,6 @@ def test_the_stiffness_of_the_car_is_found_and_said(case):
     assert "calibrated on the log itself" in said["words"][0] and "kept for the next run" in said["words"][-1]
 
 
-@pytest.mark.slow
 def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
     for key in AXLES:
         ours, plain = (compute_errors(case, e, key) for e in (case.est, case.plain))
@@ -87,7 +88,6 @@ def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
     assert case.est["cy_front_valid"].mean() > case.plain["cy_front_valid"].mean()
 
 
-@pytest.mark.slow
 def test_the_posterior_is_the_prior(case):
     """Of the stiffness; model discrepancy is that of the class."""
     made = own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
@@ -112,7 +112,6 @@ def read_toml_text(text: str) -> dict:
     return tomllib.loads(text)
 
 
-@pytest.mark.slow
 def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path):
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("calibrated anew")
@@ -125,7 +124,6 @@ def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path)
     assert (tmp_path / "est.csv").read_bytes() == (case.folder / "log_mountain.est.csv").read_bytes()
 
 
-@pytest.mark.slow
 def test_python_says_and_estimates_the_same(case):
     frame = pd.read_csv(case.log)
     found = tse.estimate(frame, case.car)
@@ -144,7 +142,6 @@ def test_python_says_and_estimates_the_same(case):
     assert after.calibration is None and after.valid[:, 1].mean() > found.valid[:, 1].mean() - 0.05
 
 
-@pytest.mark.slow
 def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
     entry = find_kept(case, cache)
     entry.unlink()  # the command's has the bits of one thread of the BLAS
@@ -162,7 +159,6 @@ def find_kept(case: Case, cache: Path) -> Path:
     return cache / "tselab" / "calibrated" / f"{key}.json"
 
 
-@pytest.mark.slow
 def test_another_car_or_log_is_another_entry(case, tmp_path):
     log, car = read_log(case.log), read_vehicle(case.car)
     keys = {own._compute_key(car, [log])}
@@ -177,7 +173,6 @@ def test_another_car_or_log_is_another_entry(case, tmp_path):
     assert len(keys) == 4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.005, 0.01, 0.02, 0.1])
 def test_the_part_that_calibrates_a_car_lasts_as_long_at_every_sample_time(case, step):
     log = read_log(case.log)
@@ -186,7 +181,6 @@ def test_the_part_that_calibrates_a_car_lasts_as_long_at_every_sample_time(case,
     assert len(part) * step == pytest.approx(8.0, abs=step)
 
 
-@pytest.mark.slow
 def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_path):
     rows = case.log.read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(rows[:3001]) + "\n")
@@ -208,7 +202,6 @@ def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_pa
     assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
 
 
-@pytest.mark.slow
 def test_a_log_that_goes_straight_shows_nothing(case):
     log = read_log(case.log)
     log.data["yaw_rate"] *= 0.05
@@ -216,7 +209,6 @@ def test_a_log_that_goes_straight_shows_nothing(case):
     assert words == [own.keep_class("it hardly turns: 0.0 s above 1 m/s2 across, 2 s are needed").words[0]]
 
 
-@pytest.mark.slow
 def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch, tmp_path):
     car, log = read_vehicle(case.car), read_log(case.log)
     longest = own.MAX_SEARCH_SECONDS
@@ -231,7 +223,6 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
     assert stopped.apply_to(car).values == car.values
 
 
-@pytest.mark.slow
 def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):
     """The estimate is written, no calibration is kept, and no lock stays.
 
@@ -268,7 +259,6 @@ def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch
         tse.estimate(pd.read_csv(case.log), tmp_path / "car.toml")
 
 
-@pytest.mark.slow
 def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
     """59.98 s: what the ends leave out is no reason."""
     rows = case.log.read_text().splitlines()
@@ -279,7 +269,6 @@ def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
         assert "s are needed" not in own.calibrate_once(car, [log]).words[0]
 
 
-@pytest.mark.slow
 def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
     car = tmp_path / "car.toml"
     car.write_text(case.car.read_text() + "\n[uncertainty]\nmass_sd = 0.02\n", encoding="utf-8")
@@ -292,7 +281,6 @@ def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
         assert json.loads(done.out)["calibration"] is None, options
 
 
-@pytest.mark.slow
 def test_channels_that_contradict_each_other_calibrate_nothing(case):
     frame = pd.read_csv(case.log)
     frame["yaw_rate"] = -frame["yaw_rate"]
@@ -301,7 +289,6 @@ def test_channels_that_contradict_each_other_calibrate_nothing(case):
     assert found.calibration == {"used": False, "why": "its channels contradict each other"}
 
 
-@pytest.mark.slow
 def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     """Both drives are of one car: the second starts from the first's results."""
     rows = case.log.read_text().splitlines()
@@ -341,7 +328,6 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     assert own.NOT_ASKED in notes and not any("minutes of it" in n for n in notes)
 
 
-@pytest.mark.slow
 def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
     """Ice in the middle: one stiffness for both would be that of neither."""
     made = make_logs_once("mountain", 2.0, cars=make_cars(1, 3301), seed=4, scenario="ice", event_time=60.0)[
@@ -353,7 +339,6 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
     assert "the road or the tyres change during the log" in found.words[0]
 
 
-@pytest.mark.slow
 def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     """The search's value is moved to twice that of the filter, with a narrow interval.
 

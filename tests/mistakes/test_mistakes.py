@@ -10,8 +10,10 @@ import pytest
 from tests.mistakes.drives import CHANNELS, MISTAKES, OF_LOGS, STEP, Drive, make_drives
 from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
-# by rows, and by a whole log; the others are marked slow
-ROWS = ("C", "Python")
+# whole drives; tests/unit/filter/test_plausible.c has the rules by rows
+pytestmark = pytest.mark.slow
+
+ROWS = ("C", "Python")  # front ends without a file: of rows, of a whole log
 
 
 @pytest.fixture(scope="module")
@@ -28,14 +30,12 @@ def expect_response(mistake: str | None, front_end: str, both: list[Drive]) -> N
             assert said.silent == drive.known and not said.against.any() and said.words == (), drive.name
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     expect_response(mistake, front_end, both)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str, both: list[Drive]) -> None:
@@ -51,7 +51,6 @@ def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str,
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mistake", OF_LOGS)
 def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) -> None:
     change, words = OF_LOGS[mistake]
@@ -64,7 +63,6 @@ def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) ->
             assert abs(int(degrees[1]) - 30) <= 2, drive.name
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_the_other_front_ends_say_what_the_library_says(
@@ -80,7 +78,6 @@ def test_the_other_front_ends_say_what_the_library_says(
     expect_response(mistake, front_end, both)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mistake", "channel", "factor"),
     [

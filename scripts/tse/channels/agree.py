@@ -185,8 +185,8 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]  # [1] name -> sd of the logarithm of the ratio
-    # names of the ratios in `value` for which measured and expected values fit well: by
-    # MIN_FIT. The other ratios in `value` fit by the lower limit MIN_FIT - FIT_SLACK only
+    # names of the ratios in `value` that exceed MIN_FIT, or to which no MIN_FIT applies.
+    # The other ratios in `value` only exceed MIN_FIT - FIT_SLACK
     sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:

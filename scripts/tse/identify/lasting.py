@@ -126,8 +126,10 @@ def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple
     share
         The SHARE_QUANTILE of the ratios of all intervals. The model error in the ratio is
         sqrt(power / 1 s), where power is the integral of the autocovariance of the
-        residuals (see the top of this file). The mean of the ratios would be misleading:
-        a model that is right on a motorway and 15 % off in a hairpin is not 5 % off.
+        residuals (see the top of this file). The power of an interval is that of all
+        residuals, scaled by the mean square of the interval. The mean of the ratios would
+        be misleading: a model that is right on a motorway and 15 % off in a hairpin is
+        not 5 % off.
     count
         Effective number of intervals, the sum of signal^2 / (signal^2 + floor^2): an
         interval counts as 1 if its signal is much larger than the floor, and as 0 if it

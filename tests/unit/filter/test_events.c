@@ -1,6 +1,7 @@
 /* tests/unit/filter/test_events.c <-> src/filter/events.c, sensitivities.c,
- * slip_stiffness.c: likelihood and posterior of an event against two dense Kalman filters,
- * one of which has the event in its prior. They are linear, so that both are exact. */
+ * slip_stiffness.c: likelihood and posterior of an event against two dense Kalman
+ * filters, one of which has the event in its prior. They are linear, so that both are
+ * exact. */
 #include "filter_support.h"
 
 /* A dense Kalman filter with its state in units. The last member is an offset of the
@@ -864,8 +865,8 @@ static void test_of_a_group_the_likeliest_event_is_believed(void)
   }
 }
 
-/* A channel is evidence for the events of its group, also a channel that is no sensor, and
- * every channel for the previous road. */
+/* A channel is evidence for the events of its group, also a channel that is no sensor,
+ * and every channel for the previous road. */
 static void test_a_channel_is_evidence_for_the_events_of_its_group(void)
 {
   static const int lateral[] = { NO_SENSOR_LATERAL, ACCEL_Y, YAW_RATE };
@@ -945,8 +946,9 @@ static void test_a_frozen_sensor_is_at_fault_by_the_larger_evidence(void)
   }
 }
 
-/* The filter reacts to an event if the mean square of its amplitude, mean^2 + variance, is
- * as large as the least amplitude squared; to a frozen sensor and to a return always. */
+/* The filter reacts to an event if the mean square of its amplitude, mean^2 + variance,
+ * is as large as the least amplitude squared; to a frozen sensor and to a return
+ * always. */
 static void test_an_event_is_small_by_the_mean_square_of_its_amplitude(void)
 {
   static const struct {
@@ -1017,8 +1019,8 @@ static void test_an_event_opens_with_the_shifts_of_its_kind(void)
   }
 }
 
-/* There is something to return to after a change of road or tyres, if the stiffness of one
- * axle was known at least as well before. */
+/* There is something to return to after a change of road or tyres, if the stiffness of
+ * one axle was known at least as well before. */
 static void test_a_return_is_to_what_was_known_as_well(void)
 {
   static const struct {
@@ -1164,7 +1166,8 @@ static void test_an_accepted_road_is_uncertain_by_both_amplitudes(void)
   expect_near(1 + 4.0 / 2, number(ud_variance(&k.ud, BY)), BY_NUMBER(1e-6, 1e-4, 1e-3), "variance", 0);
 }
 
-/* A change soon after a restart is the first one: nothing of the restart is a part of it. */
+/* A change soon after a restart is the first one: nothing of the restart is a part of
+ * it. */
 static void test_a_restart_is_no_change_that_goes_on(void)
 {
   for (int restarted = 0; restarted < 2; restarted++) {

@@ -53,8 +53,8 @@ static void test_a_repeated_angle_is_evidence_where_the_yaw_rate_contradicts_it(
     }
 }
 
-/* It is said once that the angle is frozen, in the row that decides. From then on the angle
- * is missing, until it moves. */
+/* It is said once that the angle is frozen, in the row that decides. From then on the
+ * angle is missing, until it moves. */
 static void test_a_frozen_angle_is_said_once_and_missing_until_it_moves(void)
 {
   static tse_kalman k;
@@ -82,8 +82,8 @@ static void test_a_frozen_angle_is_said_once_and_missing_until_it_moves(void)
   TEST_ASSERT_EQUAL_INT(1, z.has_steer);
 }
 
-/* A channel agrees within 3 sd of its innovation, unless it is frozen. Only the channel at
- * fault counts its time. */
+/* A channel agrees within 3 sd of its innovation, unless it is frozen. Only the channel
+ * at fault counts its time. */
 static void test_the_channel_at_fault_agrees_within_three_sd(void)
 {
   static const struct {

@@ -94,11 +94,11 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
   }
 }
 
-/* A lag of the steering within 3 sd of its prior is accepted. The mean of the prior is the
- * lag in the settings: delay of the steering plus that of the IMU. If the lag differs more,
- * the wheels have not made the motion of the logged angle yet. A lag above 3 sd is too
- * large for the linear model, even if the settings have it. Longitudinal slip does not
- * depend on the lag. */
+/* A lag of the steering within 3 sd of its prior is accepted. The mean of the prior is
+ * the lag in the settings: delay of the steering plus that of the IMU. If the lag differs
+ * more, the wheels have not made the motion of the logged angle yet. A lag above 3 sd is
+ * too large for the linear model, even if the settings have it. Longitudinal slip does
+ * not depend on the lag. */
 static void test_cornering_by_another_steering_than_the_settings_is_not_valid(void)
 {
   static const struct {

@@ -467,8 +467,8 @@ static tse_pair pair_of(double time, double first, double second, double both)
   return q;
 }
 
-/* A state at 10 m/s, all channels 0, and a row that changes none of it, save by forgetting
- * a thousandth or less. */
+/* A state at 10 m/s, all channels 0, and a row that changes none of it, save by
+ * forgetting a thousandth or less. */
 static tse_kalman even_state(void)
 {
   tse_kalman k;
@@ -494,9 +494,9 @@ static tse_kalman judged(const tse_params *p, const tse_kalman *from)
   return k;
 }
 
-/* A pair disagrees if its correlation is weak or of the wrong sign, or if the ratio of its
- * variances is beyond 2.5^2. Gravity along the road may be a part of the first variance of
- * ALONG. For the pairs of wheel speeds only the sign counts. */
+/* A pair disagrees if its correlation is weak or of the wrong sign, or if the ratio of
+ * its variances is beyond 2.5^2. Gravity along the road may be a part of the first
+ * variance of ALONG. For the pairs of wheel speeds only the sign counts. */
 static void test_a_pair_disagrees_by_its_correlation_and_its_ratio(void)
 {
   static const struct {
@@ -625,8 +625,9 @@ static void test_the_scale_is_summed_of_pairs_that_agree_well(void)
   }
 }
 
-/* The squared scale is (ratio of ALONG) / (ratio of ACROSS), from both sums or, where these
- * are too small, roughly from the variances of pairs that correlate and are excited. */
+/* The squared scale is (ratio of ALONG) / (ratio of ACROSS), from both sums or, where
+ * these are too small, roughly from the variances of pairs that correlate and are
+ * excited. */
 static void test_the_speed_is_off_scale_by_both_ratios_together(void)
 {
   static const struct {
@@ -732,9 +733,9 @@ static void test_a_channel_is_late_beyond_the_limit_of_its_latency(void)
   }
 }
 
-/* Latency and limit of a lag, estimated from a drive in which a channel is late by a known
- * time. The car is that of the comment at update_timings(): a_y = v r + v_y', v_y = (l_r -
- * T v) r, and at the IMU the yaw acceleration times its lever. */
+/* Latency and limit of a lag, estimated from a drive in which a channel is late by a
+ * known time. The car is that of the comment at update_timings(): a_y = v r + v_y', v_y =
+ * (l_r - T v) r, and at the IMU the yaw acceleration times its lever. */
 static void test_a_latency_is_found_apart_from_the_lag_of_the_car(void)
 {
   static const struct {

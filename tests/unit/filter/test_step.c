@@ -417,8 +417,9 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
   }
 }
 
-/* The time without a wheel speed begins anew with each one: twelve seconds in holes of two
- * do not lose the motion, and a hole longer than ROAD_TIME does, until a wheel speed comes. */
+/* The time without a wheel speed begins anew with each one: twelve seconds in holes of
+ * two do not lose the motion, and a hole longer than ROAD_TIME does, until a wheel speed
+ * comes. */
 static void test_only_a_long_hole_in_the_wheel_speeds_loses_the_motion(void)
 {
   const uint32_t wheels = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear;
@@ -582,9 +583,10 @@ static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
       !HAS_SLIP || placed >= BY_NUMBER(5, 5, 1)); /* fixed point: stays bounded with fewer substeps */
 }
 
-/* The sensitivity of the motion to an event, or to a consider parameter, diverges with the
- * motion of an unstable car, also where its variance remains small. The motion then counts
- * as unknown for one row. In fixed point a sensitivity saturates long before that. */
+/* The sensitivity of the motion to an event, or to a consider parameter, diverges with
+ * the motion of an unstable car, also where its variance remains small. The motion then
+ * counts as unknown for one row. In fixed point a sensitivity saturates long before
+ * that. */
 static void test_a_motion_is_lost_while_one_of_its_sensitivities_is_huge(void)
 {
   for (int c = 0; c < BY_NUMBER(2, 2, 0); c++) {
@@ -966,7 +968,8 @@ static tse_input at_speeds(double front, double rear)
   return u;
 }
 
-/* Wheel speeds of this row, their ratio, and how long each remains a signal of its own. */
+/* Wheel speeds of this row, their ratio, and how long each remains a signal of its
+ * own. */
 static void test_a_row_keeps_its_wheel_speeds_and_whose_signals_they_are(void)
 {
   enum { FRONT = TSE_MISSING_wheel_speed_front, REAR = TSE_MISSING_wheel_speed_rear };

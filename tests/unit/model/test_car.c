@@ -628,8 +628,8 @@ static void change_lane(double relaxation, double speed, double dt, double end[M
   for (int i = 0; i < MOTION; i++) end[i] = x[i];
 }
 
-/* Speeds, yaw rate and slip angles: half the time step gives nearly a quarter of the error
- * (a method of first order: half of it). With a short relaxation length, where slip
+/* Speeds, yaw rate and slip angles: half the time step gives nearly a quarter of the
+ * error (a method of first order: half of it). With a short relaxation length, where slip
  * angles settle within a row, only the size of the error is limited. */
 static void test_the_error_of_a_row_is_of_second_order(void)
 {
