@@ -1,4 +1,4 @@
-"""Generate scripts/tse/_tables.py, the typed names of the Python API.
+"""Generate scripts/tse/api/generated.py, the typed names of the Python API.
 
     .venv/bin/python scripts/dev/api_tables.py
         write the file
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
-FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
+FILE = Path(__file__).resolve().parents[1] / "tse" / "api" / "generated.py"
 # Key: stiffness. Value: its unit in the Python API. In the C library, stiffnesses have no
 # unit: they are relative to their nominal values.
 UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}
@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, TypedDict
 
-from tse._base import EstimateBase
+from tse.api.base import EstimateBase
 '''
 
 
@@ -120,7 +120,7 @@ def write_estimate() -> list[str]:
 
 
 def write_module() -> str:
-    """Return the text of scripts/tse/_tables.py."""
+    """Return the text of scripts/tse/api/generated.py."""
     lib = library()
     status = []
     for code, f in sorted(lib.codes(STATUS).items()):
@@ -162,7 +162,7 @@ def write_module() -> str:
 
 
 def main() -> int:
-    """Write scripts/tse/_tables.py, or check that it is up to date."""
+    """Write scripts/tse/api/generated.py, or check that it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--check", action="store_true", help="change nothing; fail if the file is out of date"

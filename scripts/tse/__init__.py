@@ -33,17 +33,17 @@ from tse.library import __version__
 
 if TYPE_CHECKING:
     from tse import errors, files, tables
-    from tse._calibrate import Calibration, calibrate
-    from tse._estimate import Result, estimate
-    from tse._filter import UNKNOWN_AGE, Filter, Form
-    from tse._fleet import Fleet, fleet
-    from tse._formula import read_formula, write_c_formula
-    from tse._gap import Gap, GapCheck, GapPlan, gap, gap_check, gap_plan
-    from tse._live import Live, live
-    from tse._log import Log, LogLike, Signals, read_log, signals
-    from tse._simulate import Replayed, Simulated, replay, simulate
-    from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
-    from tse._vehicle import VehicleLike, read_vehicle, simulated_car, write_c_settings
+    from tse.api.calibrate import Calibration, calibrate
+    from tse.api.estimate import Result, estimate
+    from tse.api.filter import UNKNOWN_AGE, Filter, Form
+    from tse.api.fleet import Fleet, fleet
+    from tse.api.formula import read_formula, write_c_formula
+    from tse.api.gap import Gap, GapCheck, GapPlan, gap, gap_check, gap_plan
+    from tse.api.generated import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
+    from tse.api.live import Live, live
+    from tse.api.log import Log, LogLike, Signals, read_log, signals
+    from tse.api.simulate import Replayed, Simulated, replay, simulate
+    from tse.api.vehicle import VehicleLike, read_vehicle, simulated_car, write_c_settings
     from tse.car.formula import Formula
     from tse.car.vehicle import Vehicle
     from tse.errors import Error, InputError, Interrupted, LearntError, SettingError
@@ -107,17 +107,17 @@ _MODULES = ("errors", "files", "tables")
 # names is first used. So `tselab --help`, which imports tse, does not wait for numpy and
 # pandas.
 _LATER = {
-    **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
-    **dict.fromkeys(("Result", "estimate"), "tse._estimate"),
-    **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse._filter"),
-    **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
-    **dict.fromkeys(("read_formula", "write_c_formula"), "tse._formula"),
-    **dict.fromkeys(("Gap", "GapCheck", "GapPlan", "gap", "gap_check", "gap_plan"), "tse._gap"),
-    **dict.fromkeys(("Live", "live"), "tse._live"),
-    **dict.fromkeys(("Log", "LogLike", "Signals", "read_log", "signals"), "tse._log"),
-    **dict.fromkeys(("Replayed", "Simulated", "replay", "simulate"), "tse._simulate"),
-    **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse._tables"),
-    **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car", "write_c_settings"), "tse._vehicle"),
+    **dict.fromkeys(("Calibration", "calibrate"), "tse.api.calibrate"),
+    **dict.fromkeys(("Result", "estimate"), "tse.api.estimate"),
+    **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse.api.filter"),
+    **dict.fromkeys(("Fleet", "fleet"), "tse.api.fleet"),
+    **dict.fromkeys(("read_formula", "write_c_formula"), "tse.api.formula"),
+    **dict.fromkeys(("Gap", "GapCheck", "GapPlan", "gap", "gap_check", "gap_plan"), "tse.api.gap"),
+    **dict.fromkeys(("Live", "live"), "tse.api.live"),
+    **dict.fromkeys(("Log", "LogLike", "Signals", "read_log", "signals"), "tse.api.log"),
+    **dict.fromkeys(("Replayed", "Simulated", "replay", "simulate"), "tse.api.simulate"),
+    **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse.api.generated"),
+    **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car", "write_c_settings"), "tse.api.vehicle"),
     **dict.fromkeys(("Error", "InputError", "Interrupted", "LearntError", "SettingError"), "tse.errors"),
     "Formula": "tse.car.formula",
     "Reading": "tse.log.rows",

@@ -15,19 +15,16 @@ import pytest
 from small_car import CAR, CODE, ROW
 
 import tse
-from tse import (
-    _calibrate,
-    _estimate,
-    _filter,
-    _fleet,
-    _gap,
-    _log,
-    _shown,
-    _simulate,
-    _vehicle,
-    errors,
-    tables,
-)
+from tse import errors, tables
+from tse.api import calibrate as _calibrate
+from tse.api import estimate as _estimate
+from tse.api import filter as _filter
+from tse.api import fleet as _fleet
+from tse.api import gap as _gap
+from tse.api import log as _log
+from tse.api import shown as _shown
+from tse.api import simulate as _simulate
+from tse.api import vehicle as _vehicle
 from tse.calibration.own import STOPPED
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimates, Learnt, list_est_columns
@@ -1061,7 +1058,7 @@ def test_a_missing_package_is_named_but_a_missing_part_of_tse_is_not(monkeypatch
 
 
 def test_a_formula_is_written_as_a_header(tmp_path, monkeypatch):
-    from tse import _formula
+    from tse.api import formula as _formula
 
     read = replace(monkeypatch, _formula, "_read", "formula")
     monkeypatch.setattr(_formula, "format_c_header", lambda formula: f"header of {formula}")

@@ -19,7 +19,7 @@ import pytest
 from small_car import CAR, CODE
 
 import tse
-from tse import _live
+from tse.api import live as _live
 from tse.calibration.own import is_uncalibrated
 from tse.car.config import make_config
 from tse.channels.signals import read_signals

@@ -11,7 +11,7 @@ import pytest
 
 import tse
 from tests.cars.along import fit_line, make_start_config
-from tse._tables import Reason
+from tse.api.generated import Reason
 from tse.car.vehicle import SHAPE, make_vehicle
 from tse.channels.log import read_frame
 from tse.identify.slip import estimate_longitudinal

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tse._base import Array
-from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
-from tse._log import Log, LogLike, PathLike, read_checked, read_known_road
-from tse._shown import Shown, make_figure
-from tse._tables import STIFFNESS
-from tse._vehicle import VehicleLike, check_names, read_vehicle
+from tse.api.base import Array
+from tse.api.filter import UNKNOWN_AGE, Filter, Form, check_form
+from tse.api.generated import STIFFNESS
+from tse.api.log import Log, LogLike, PathLike, read_checked, read_known_road
+from tse.api.shown import Shown, make_figure
+from tse.api.vehicle import VehicleLike, check_names, read_vehicle
 from tse.calibration.own import STOPPED
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, TypedDict
 
-from tse._base import EstimateBase
+from tse.api.base import EstimateBase
 
 CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")

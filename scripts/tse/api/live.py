@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tse._estimate import read_learnt_state
-from tse._filter import UNKNOWN_AGE, Convert, make_conversions
-from tse._log import PathLike
-from tse._tables import Estimate
-from tse._vehicle import VehicleLike, check_names, read_vehicle
+from tse.api.estimate import read_learnt_state
+from tse.api.filter import UNKNOWN_AGE, Convert, make_conversions
+from tse.api.generated import Estimate
+from tse.api.log import PathLike
+from tse.api.vehicle import VehicleLike, check_names, read_vehicle
 from tse.calibration.own import is_uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tse._base import Array
-from tse._shown import Shown, make_figure
-from tse._vehicle import VehicleLike, read_vehicle
+from tse.api.base import Array
+from tse.api.shown import Shown, make_figure
+from tse.api.vehicle import VehicleLike, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.channels.log import adapt_to_car, read_frame
 from tse.channels.log import read_log as _read_log

@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, collect_logs, read_known_road
-from tse._shown import Shown
-from tse._vehicle import VehicleLike, read_vehicle
+from tse.api.log import LogLike, PathLike, collect_logs, read_known_road
+from tse.api.shown import Shown
+from tse.api.vehicle import VehicleLike, read_vehicle
 from tse.calibration import output, page, workflow
 from tse.calibration.result import MIN_RELIABLE_SECONDS, CalibrationResult, describe_result, summarise_result
 from tse.car.vehicle import Vehicle, describe_stiffness, make_vehicle

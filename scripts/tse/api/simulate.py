@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, read_checked, read_known_road
-from tse._shown import Shown
-from tse._vehicle import VehicleLike, check_names, read_vehicle
+from tse.api.log import LogLike, PathLike, read_checked, read_known_road
+from tse.api.shown import Shown
+from tse.api.vehicle import VehicleLike, check_names, read_vehicle
 from tse.car.vehicle import make_default_vehicle
 from tse.channels.agree import MAX_CHECKED_ROWS, check_car
 from tse.estimation.estimate import write_table

@@ -13,9 +13,9 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, collect_logs, read_known_road
-from tse._shown import Shown
-from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
+from tse.api.log import LogLike, PathLike, collect_logs, read_known_road
+from tse.api.shown import Shown
+from tse.api.vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.gaps.run import check, pictures, plan, stages, workflow
 from tse.gaps.run.output import WrittenFiles, write_all

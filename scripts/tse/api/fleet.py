@@ -10,10 +10,10 @@ from typing import Any
 
 import pandas as pd
 
-from tse._filter import Form
-from tse._log import PathLike
-from tse._shown import Shown, make_figure
-from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
+from tse.api.filter import Form
+from tse.api.log import PathLike
+from tse.api.shown import Shown, make_figure
+from tse.api.vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.estimation.answer import WHERE
 from tse.library.errors import UserError
 from tse.log.rows import Reading

@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tse._tables import CHANNELS, Estimate, Row, Status
-from tse._vehicle import VehicleLike, read_vehicle
+from tse.api.generated import CHANNELS, Estimate, Row, Status
+from tse.api.vehicle import VehicleLike, read_vehicle
 from tse.car.config import check_effect, make_config, set_sampling
 from tse.errors import InputError
 from tse.library import core
