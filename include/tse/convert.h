@@ -1,10 +1,10 @@
 /* tse/convert.h - convert between double and the number format of the library.
  *
  * This header is for programs that use the library; the library itself does not include
- * it. NaN stays NaN. In a fixed-point build, a value outside the range of the format
- * becomes +-2^28. This is outside the range of every setting and every channel.
- * tse_prepare() therefore refuses such a setting, and tse_step() refuses such a row or
- * treats the channel as missing. */
+ * it. NaN stays NaN. In a fixed-point build, a value beyond +-2^28, infinity included,
+ * becomes +-2^28. This limit is outside the range of every setting and every channel.
+ * Therefore tse_prepare() refuses such a setting. tse_step() refuses a row with such a
+ * dt, steering angle or wheel speed, and treats any other such channel as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 

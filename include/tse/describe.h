@@ -37,9 +37,9 @@ typedef enum tse_struct {
   TSE_STRUCT_FORMULA_PLACE, /* list of the quantities of the model to which the value of the user's
                              * formula can be added (src/tables/formula.toml) */
   TSE_STRUCT_FORMULA_OP,    /* list of the operations of a formula. tse_field.def: number of operands.
-                             * tse_field.kind: 'n' is one of the numbers formula_a ..., 's' a signal of
-                             * the model, 'p' a function of its operands, 'm' a function that also depends
-                             * on earlier values of its operands */
+                             * tse_field.kind: 'n' is one of the settings formula_a, formula_b ..., 's' a
+                             * signal of the model, 'p' a function of its operands, 'm' a function that
+                             * also depends on earlier values of its operands */
   TSE_STRUCT_FORMULA_LIMIT, /* list of the limits of a formula, such as the max number of its operations.
                              * tse_field.offset: value of the limit */
   TSE_STRUCTS
@@ -48,9 +48,9 @@ typedef enum tse_struct {
 /* One member of a struct, or one code of a list. */
 typedef struct tse_field {
   const char *name;
-  char kind;          /* type of a member: 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t,
-                       * 'p' pointer to an array, 'o' pointer to an array or NULL. 'c': the row is a code
-                       * of a list */
+  char kind;          /* type of a member of a struct: 's' tse_setting, 'r' tse_real, 'i' int32_t,
+                       * 'u' uint32_t, 'p' pointer to an array of tse_real, 'o' the same or NULL.
+                       * Code of a list: 'c', but TSE_STRUCT_FORMULA_OP (above) has letters of its own */
   int32_t offset;     /* bytes from the start of the struct to the member; for a code: its value */
   double def, lo, hi; /* default, min, max; hi < lo if there is no range */
   const char *unit;
@@ -75,7 +75,8 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;            /* number of its bit in tse_effects.mask */
-  const char *filter;     /* filters whose estimates depend on the effect: "both", "default" or "none" */
+  const char *filter;     /* filters whose estimates depend on the effect: "both" (the default filter and the
+                           * paper's filter), "default" or "none" */
   const char *occurrence; /* which cars or logs have the effect: SENSOR, EVERY_CAR, SOME_CARS ... The
                            * head of src/tables/effects.toml defines these words */
   /* title that replaces `title` if the strength of the effect is below early_below. Such
@@ -108,11 +109,12 @@ typedef struct tse_effect_parameter {
                                   * that is never fitted, because logs do not show its influence separately
                                   * from the influence of the strength */
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
-  double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
+  double def, lo, hi;            /* value for a simulated car, set by tse_config_exact() (0 for most
+                                  * strengths), min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
-  double negligible;             /* negligible difference of a strength from `def`: `tselab gap` does not
-                                  * report an effect each of whose strengths differs from `def` by less
-                                  * than its own `negligible`. 0 for a shape parameter */
+  double negligible;             /* difference from `def` below which a strength is negligible. `tselab gap`
+                                  * does not report an effect if all its strengths are negligible. 0 for a
+                                  * shape parameter */
 } tse_effect_parameter;
 
 /* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.

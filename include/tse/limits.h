@@ -16,10 +16,10 @@
 
 /* Number of rows that a filter stores while it waits for channels with a latency
  * (settings ..._latency). The latencies of two channels may differ by up to
- * (TSE_LATENCY_ROWS - 4) sample_time. Of the other four rows, two are needed for
- * interpolation at both ends, and two because rows may follow each other faster than
- * sample_time. A stored row takes 7 tse_real and one byte of tse_filter. If
- * TSE_LATENCY_ROWS is 0, tse_prepare() refuses settings with a latency. */
+ * (TSE_LATENCY_ROWS - 4) sample_time. The other four rows are: one before and one after
+ * this time span, for interpolation, and two to spare, because rows may follow each other
+ * a little faster than sample_time. A stored row takes 7 tse_real and one byte of
+ * tse_filter. If TSE_LATENCY_ROWS is 0, tse_prepare() refuses settings with a latency. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32
 #endif

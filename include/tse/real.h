@@ -3,7 +3,8 @@
  *   TSE_REAL_DOUBLE   IEEE 754 binary64 (default)
  *   TSE_REAL_FLOAT    IEEE 754 binary32
  *   TSE_REAL_FIXED    fixed point in int64_t, without floating-point operations.
- *                     Resolution 2^-32. Results beyond +-2^27 saturate
+ *                     Resolution 2^-32. A product or quotient beyond +-2^27 becomes
+ *                     +-2^27, and then counts as infinite
  *
  * The CMake target and the pkg-config file define the same macro in every program that
  * uses the library. A program that is compiled for a different format does not link: the

@@ -23,15 +23,18 @@ extern "C" {
 typedef struct tse_replay_log {
   // clang-format off: table replay_log_members
   const tse_real *dt;                 /* [s] time since the previous row, (0, 1]; not used in the first row */
-  const tse_real *steer_angle;        /* [rad] logged mean road-wheel angle of the front axle, -1.2 .. 1.2 */
+  const tse_real *steer_angle;        /* [rad] logged mean road-wheel angle of the front axle, positive
+                                       * left, -1.2 .. 1.2 */
   const tse_real *wheel_speed_front;  /* [rad/s] mean rotation rate of the front wheels, -400 .. 400 */
   const tse_real *wheel_speed_rear;   /* [rad/s] mean rotation rate of the rear wheels, -400 .. 400 */
   const tse_real *grade;              /* [rad] or NULL; grade of the road, positive uphill, added to the
                                        * setting grade_angle */
   const tse_real *bank;               /* [rad] or NULL; bank of the road, positive if the left side is
                                        * higher, added to the setting bank_angle */
-  const tse_real *slip_front;         /* [rad] or NULL; disturbance that is added to the front slip angle */
-  const tse_real *slip_rear;          /* [rad] or NULL; disturbance that is added to the rear slip angle */
+  const tse_real *slip_front;         /* [rad] or NULL; disturbance that is added to the front slip angle;
+                                       * positive: lateral tyre force to the left */
+  const tse_real *slip_rear;          /* [rad] or NULL; disturbance that is added to the rear slip angle;
+                                       * positive: lateral tyre force to the left */
   const tse_real *force_x;            /* [m/s2] or NULL; disturbing force / mass, positive forward, for
                                        * example of wind. As a tyre force does, it accelerates the car, and
                                        * accel_x measures it */
@@ -91,7 +94,7 @@ typedef struct tse_replay_out {
 void tse_replay_start_default(tse_replay_start *s);
 
 /* Replay a whole log. Between two rows the inputs change linearly. The model is
- * integrated in substeps, whose number is that of the paper's filter (vehicle_steps() in
+ * integrated in substeps, as many as the paper's filter uses (vehicle_steps() in
  * src/model/vehicle.h).
  *   Given:     p    from tse_prepare(). The effects that its settings switch on act
  *              log  arrays of `rows` finite values
@@ -99,11 +102,12 @@ void tse_replay_start_default(tse_replay_start *s);
  *   Updated:   out  motion and sensor readings at each row. The log and s are checked
  *                   first: out is unchanged if one of their values is wrong. If the
  *                   motion overflows later, the rows before the overflow are filled
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()), TSE_E_TIME,
- *              or TSE_E_INPUT: a value of the log or of s is out of range or not finite,
- *              or the motion overflows. With TSE_E_TIME and TSE_E_INPUT, *wrong (if wrong
- *              is not NULL) is the index of the wrong row, or of the row in which the
- *              motion overflows; it is 0 for a wrong value of s
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()), TSE_E_TIME
+ *              (dt of a row is not in (0, 1] s), or TSE_E_INPUT: another value of the log
+ *              is out of range, a value of the log or of s is not finite, or the motion
+ *              overflows. With TSE_E_TIME and TSE_E_INPUT, *wrong (if wrong is not NULL)
+ *              is the index of the wrong row, or of the row in which the motion
+ *              overflows. If a value of s is wrong, *wrong is 0, as for the first row
  *   Cost:      two evaluations of the model for each substep, because the integration
  *              method has two stages; 0.1 us a row without effects
  *   Source:    equations (1) to (4) and (7), src/EQUATIONS.md */

@@ -38,12 +38,15 @@ typedef struct tse_sim_config {
                                                  * stiffness, relative to nominal */
   tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean over time of the rear cornering
                                                  * stiffness, relative to nominal */
-  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
-                                                 * longitudinal stiffness, relative to its mean */
-  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the front
-                                                 * cornering stiffness, relative to its mean */
-  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the rear
-                                                 * cornering stiffness, relative to its mean */
+  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sd of the front longitudinal
+                                                 * stiffness about its mean, relative to this mean; drawn
+                                                 * anew in each row */
+  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sd of the front cornering stiffness
+                                                 * about its mean, relative to this mean; drawn anew in
+                                                 * each row */
+  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sd of the rear cornering stiffness
+                                                 * about its mean, relative to this mean; drawn anew in
+                                                 * each row */
   tse_setting noise;                            /* [1] 1, 0 .. 100; factor on the noise sds of the IMU in
                                                  * the vehicle settings (accel_x_sd, accel_y_sd,
                                                  * yaw_rate_sd); 1: the simulated noise has these sds */
@@ -142,7 +145,10 @@ struct tse_sim {
 /* Fill s with the default settings.   s NULL: no effect. */
 void tse_sim_config_default(tse_sim_config *s);
 
-/* Check the settings of the simulator as tse_config_check() checks those of a filter. */
+/* Check that each setting of the simulator is in its range.
+ *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG. With TSE_E_CONFIG, *wrong (if
+ *              wrong is not NULL) points to the name of the first wrong setting,
+ *              a string constant */
 tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 
 /* Start a simulation of the vehicle in c, with the settings s of the simulator.

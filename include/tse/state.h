@@ -77,8 +77,8 @@ struct tse_aligned {
 #define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
-/* Storage for private structs, each of exactly the size that is needed. src/model/state.h
- * defines these structs, and checks at compile time that their sizes are equal. */
+/* Storage for private structs. src/model/state.h defines these structs, and checks at
+ * compile time that the size of each equals the size of its storage. */
 typedef union tse_effects_bytes {
   uint64_t first; /* aligns the struct */
   unsigned char all[sizeof(uint64_t) + TSE_EFFECT_NUMBERS * sizeof(tse_real) + TSE_EFFECT_BYTES];

@@ -18,13 +18,15 @@ typedef enum tse_status {
                                  * this build; use double or float */
   TSE_E_OLD = -10,              /* the learnt state was written by an older version of this library; learn
                                  * anew */
-  TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle */
+  TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle: it was saved with other
+                                 * settings of the vehicle, of effects or of the formula */
   TSE_E_VERSION = -8,           /* the learnt state was written by a newer version of this library */
   TSE_E_LEARNT = -7,            /* this is not a learnt state of this library, or it is damaged */
   TSE_E_SIZE = -6,              /* the memory of the filter has a different size than the library expects
                                  * (other number of particles or number format) */
-  TSE_E_STATE = -5,             /* the filter was not reset with these parameters, or is not a filter of
-                                 * this library */
+  TSE_E_STATE = -5,             /* the parameters are not from tse_prepare(), the filter was not reset with
+                                 * these parameters, or the filter or simulation is in a state that the
+                                 * called function does not allow (see its comment) */
   TSE_E_TIME = -4,              /* the time step dt is not finite, not positive, or too long (max 3600 s;
                                  * replay and simulator: 1 s) */
   TSE_E_INPUT = -3,             /* an input of the model, such as steering angle or wheel speed, is outside
@@ -71,7 +73,8 @@ typedef enum tse_reason {
   TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or search for a
                                  * missing effect (tselab gap) */
   TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: one has a wrong unit or sign,
-                                 * belongs to a different axle, or is late (fault_channel, fault_factor) */
+                                 * belongs to a different axle, or is late; fault_channel names it,
+                                 * fault_factor is the factor by which it is too large */
   // clang-format on: end of table
   TSE_REASON_END_
 } tse_reason;

@@ -1,11 +1,11 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * The default filter is an extended Kalman filter. Its model of the car has exact
- * kinematics; slip and slip angle of each axle are states. The force of a tyre has a
- * stiffness at zero slip and saturates at the friction limit. The steering angle is an
- * input of the model. The speed of the front wheels and that of the rear wheels are
- * measurements. Likelihood ratios detect a change of the road surface, a change of the
- * tyres of one axle, sliding wheels and sensor faults.
+ * The default filter is an extended Kalman filter. The kinematics of its model of the car
+ * are exact, without small-angle approximations; slip and slip angle of each axle are
+ * states. The force of a tyre has a stiffness at zero slip and saturates at the friction
+ * limit. The steering angle is an input of the model. The speed of the front wheels and
+ * that of the rear wheels are measurements. Likelihood ratios detect a change of the road
+ * surface, a change of the tyres of one axle, sliding wheels and sensor faults.
  *
  * The paper's filter (setting form = 1) is the marginalized adaptive particle filter of
  * Berntorp & Di Cairano (2016). Equation numbers, as in (7), refer to that paper.
@@ -169,8 +169,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *   Source:    src/EQUATIONS.md; for the paper's filter Algorithm 1, equations (16) to
  *              (19) and (22) to (27)
  *
- *   Unusual rows, both filters
- *     steering angle or wheel speed out of range or infinite; dt not in (0, 3600]
+ *   Special cases, both filters. A channel is missing if NaN or marked in u->missing
+ *     steering angle or wheel speed out of range or infinite; dt not in (0, 3600] s
  *         The row is refused.
  *     a channel with a latency (settings ..._latency)
  *         Rows wait until the values of all channels are known. Meanwhile the status is
@@ -179,15 +179,16 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     a channel with a latency, and dt above max_gap
  *         The waiting rows are discarded. The next step covers the whole time since the
  *         last step.
- *     a channel with a latency, and more waiting rows than TSE_LATENCY_ROWS
- *         Rows that follow the last stored row too closely are not stored. Their dt is
- *         added to the dt of the next row that is stored.
+ *     a channel with a latency, and rows so dense that TSE_LATENCY_ROWS are not enough
+ *         A row is not stored if it follows the last stored row by less than
+ *         T/(TSE_LATENCY_ROWS - 2), where T is the time span that the stored rows must
+ *         cover. Its dt is added to the dt of the next row that is stored.
  *     speed below hold_speed, reverse, or steering angle beyond max_steer
  *         No stiffness is updated. Default filter: the motion is set from the sensors of
  *         each row, and at standstill the gyro bias is updated.
  *     dt above max_gap
  *         The motion is set from wheel speeds and gyro. All other estimates are kept.
- *   Unusual rows, default filter
+ *   Special cases, default filter
  *     dt up to max_gap that differs from sample_time
  *         The motion is integrated in up to TSE_SUBSTEPS substeps.
  *     a measurement missing or out of range
@@ -226,7 +227,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     uncertain parameters of the car (settings from mass_sd to grade_sd)
  *         The larger these sds, the smaller are the gains (Schmidt-Kalman filter), and
  *         the larger is the sd of each estimate.
- *   Unusual rows, paper's filter
+ *   Special cases, paper's filter
  *     steering angle or wheel speed missing
  *         The last value is held for up to max_gap. After that the states stay constant.
  *     a measurement missing or out of range
@@ -244,8 +245,9 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
  *   Cost:      O(filter_bytes) */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
-/* Return the contribution of one uncertain parameter to the sd of each stiffness. To
- * reduce the sds, measure the parameter with the largest contribution more accurately.
+/* Return the contribution of one uncertain parameter to the sd of each stiffness. The
+ * squares of the contributions of independent parameters add. To reduce the sds, measure
+ * the parameter with the largest contribution more accurately.
  *   Given:     k  TSE_CONSIDER_MASS, TSE_CONSIDER_INERTIA ... (tse/config.h)
  *   Returned:  sd[3]  contribution after the last row, relative to the nominal stiffness
  *                     as tse_output.stiffness_sd; unchanged if the result is negative

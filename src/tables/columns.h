@@ -10,7 +10,8 @@
  *   OUTPUTS       NUMBER(name, member, unit, text)
  *                 FLAG(name, member, text)
  *                 CODE(name, member, enumeration, text)
- *                 STIFFNESS(name, member, member of an FMU in N or N/rad, unit, text)
+ *                 STIFFNESS(name, member, member of an FMU, unit, text); `member` is
+ *                 relative to the nominal stiffness, the member of an FMU in N or N/rad
  *                 REASON(name, member, member of an FMU that is 1 if the estimate is
  *                 valid, estimated quantity to which the reason code belongs)
  *   STATUSES, REASON_CODES
@@ -18,9 +19,9 @@
  *   REPLAY_START  stiffness, biases and initial motion with which the model replays a
  *                 log. ROW(name, default, unit, text)
  *   TRUTHS        true values that the simulator logs: NUMBER and STIFFNESS as above, but
- *                 with an additional first argument, the prefix of the column. It is
- *                 drawn for the stiffness of one row, which is drawn at random about its
- *                 mean, and true for all other values
+ *                 with an additional first argument, the prefix of the column. The prefix
+ *                 is `drawn` for the stiffness that the simulator draws at random for each
+ *                 row, and `true` for all other values
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
@@ -236,14 +237,17 @@
       "float") \
   ROW(TSE_E_OLD, "TSE_E_OLD", \
       "the learnt state was written by an older version of this library; learn anew") \
-  ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", "the learnt state belongs to another vehicle") \
+  ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", \
+      "the learnt state belongs to another vehicle: it was saved with other settings of the vehicle, of " \
+      "effects or of the formula") \
   ROW(TSE_E_VERSION, "TSE_E_VERSION", "the learnt state was written by a newer version of this library") \
   ROW(TSE_E_LEARNT, "TSE_E_LEARNT", "this is not a learnt state of this library, or it is damaged") \
   ROW(TSE_E_SIZE, "TSE_E_SIZE", \
       "the memory of the filter has a different size than the library expects (other number of particles " \
       "or number format)") \
   ROW(TSE_E_STATE, "TSE_E_STATE", \
-      "the filter was not reset with these parameters, or is not a filter of this library") \
+      "the parameters are not from tse_prepare(), the filter was not reset with these parameters, or the " \
+      "filter or simulation is in a state that the called function does not allow (see its comment)") \
   ROW(TSE_E_TIME, "TSE_E_TIME", \
       "the time step dt is not finite, not positive, or too long (max 3600 s; replay and simulator: 1 s)") \
   ROW(TSE_E_INPUT, "TSE_E_INPUT", \
@@ -291,7 +295,7 @@
       "the model does not explain the measurements: calibrate, or search for a missing effect (tselab gap)") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
       "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
-      "is late (fault_channel, fault_factor)")
+      "is late; fault_channel names it, fault_factor is the factor by which it is too large")
 #define REPLAY_START(ROW) \
   ROW(cx_front, 1.0, "1", \
       "front longitudinal stiffness, relative to nominal. The rear longitudinal stiffness, relative to " \
@@ -317,6 +321,6 @@
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 // clang-format on: end of table
 
-#define NO_COLUMN(...) /* as argument of a list above: omits the rows that this argument expands */
+#define NO_COLUMN(...) /* in place of NUMBER, FLAG ... of a list above: omits the rows of this kind */
 
 #endif

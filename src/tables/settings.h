@@ -475,11 +475,12 @@
   REAL("simulation.true_cy_rear", true_cy_rear, 1.0, 1.0, 0.02, 10.0, "1", \
       "mean over time of the rear cornering stiffness, relative to nominal") \
   REAL("simulation.spread_cx_front", spread_cx_front, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the front longitudinal stiffness, relative to its mean") \
+      "sd of the front longitudinal stiffness about its mean, relative to this mean; drawn anew in each " \
+      "row") \
   REAL("simulation.spread_cy_front", spread_cy_front, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the front cornering stiffness, relative to its mean") \
+      "sd of the front cornering stiffness about its mean, relative to this mean; drawn anew in each row") \
   REAL("simulation.spread_cy_rear", spread_cy_rear, 0.05, 0.05, 0.0, 0.3, "1", \
-      "sample-to-sample sd of the rear cornering stiffness, relative to its mean") \
+      "sd of the rear cornering stiffness about its mean, relative to this mean; drawn anew in each row") \
   REAL("simulation.noise", noise, 1.0, 1.0, 0.0, 100.0, "1", \
       "factor on the noise sds of the IMU in the vehicle settings (accel_x_sd, accel_y_sd, yaw_rate_sd); " \
       "1: the simulated noise has these sds") \

@@ -38,7 +38,8 @@ class Status(IntEnum):
     E_OLD = -10
     """The learnt state was written by an older version of this library; learn anew."""
     E_VEHICLE = -9
-    """The learnt state belongs to another vehicle."""
+    """The learnt state belongs to another vehicle: it was saved with other settings of
+    the vehicle, of effects or of the formula."""
     E_VERSION = -8
     """The learnt state was written by a newer version of this library."""
     E_LEARNT = -7
@@ -47,8 +48,9 @@ class Status(IntEnum):
     """The memory of the filter has a different size than the library expects (other
     number of particles or number format)."""
     E_STATE = -5
-    """The filter was not reset with these parameters, or is not a filter of this
-    library."""
+    """The parameters are not from tse_prepare(), the filter was not reset with these
+    parameters, or the filter or simulation is in a state that the called function
+    does not allow (see its comment)."""
     E_TIME = -4
     """The time step dt is not finite, not positive, or too long (max 3600 s; replay
     and simulator: 1 s)."""
