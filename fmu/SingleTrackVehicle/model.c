@@ -4,12 +4,13 @@
  * can be compared.
  *
  * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
- * logs at t + h, and the true values at t + h. Before the step, the importer (the
- * simulation tool) sets the inputs. With parameter ramp = 1, each input changes linearly
- * during the step, from its value at the end of the last step to the value that the
- * importer set. With ramp = 0, each input jumps at t to the value that the importer set.
- * If the importer also set the time derivative of an input, its value at t + h is the
- * value that was set plus h times this derivative. */
+ * logs at t + h, and the true values at t + h.
+ *
+ * Before the step, the importer (the simulation tool) sets each input to a value u. It
+ * may also set the time derivative d of the input; otherwise d is 0. During the step, the
+ * input changes linearly to u + d h. If the parameter ramp is 1, the input starts from
+ * its value at the end of the last step. If ramp is 0, it jumps to u at t, and starts
+ * from u. With simulation.hold_inputs = 1, it keeps its start value until t + h. */
 #include <stdio.h>
 #include <string.h>
 
@@ -20,9 +21,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Macros that initialise one variable of the FMU each. The generated tables in
- * tables/columns.h and tables/settings.h call one of these macros for each of their
- * rows. */
+/* Each of these macros expands to one entry of fmu_variables. The generated tables in
+ * tables/columns.h and tables/settings.h call one macro for each of their rows. */
 /* clang-format off */
 #define DRIVES(name, def, lo, hi, unit, text) \
   { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), \
@@ -178,8 +178,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   if (!m->ramp) {
     /* tse_sim_step() changes the inputs linearly from sim.last to `to`. Replace sim.last
      * by the new inputs, so that the inputs jump at the start of the step. Only
-     * road_level and road_friction keep their last values: the simulator has drawn the
-     * tyre stiffness of this step in the last row, for the road surface of that row. */
+     * road_level and road_friction stay those of the row at the start of the step: when
+     * the simulator logged this row, it drew the tyre stiffness of the step for them. */
     from.road_level = m->sim.last.road_level;
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;

@@ -15,8 +15,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Macros that initialise one variable of the FMU each. The generated tables in
- * tables/columns.h call one of these macros for each column. */
+/* Each of these macros expands to entries of fmu_variables. The generated tables in
+ * tables/columns.h call one macro for each column. */
 /* clang-format off */
 #define CHANNEL(name, drives, lo, hi, unit, text) \
   INPUT(#name, name, lo, hi, unit, text "; NaN: missing")
@@ -182,10 +182,9 @@ void model_note_set(model *m, const fmu_variable *v, double value)
 }
 
 /* Compute the settings with which the filter runs. If m->exact is 0, the settings are the
- * values of the parameters. If m->exact is 1, the user has chosen the car whose
- * parameters are known exactly (tse_config_exact()). A parameter that the importer has
- * set then keeps its value, and every other parameter gets its value from
- * tse_config_exact().
+ * values of the parameters. If m->exact is 1, a parameter that the importer has set keeps
+ * its value, and every other parameter gets its value from tse_config_exact(): the car of
+ * the FMU SingleTrackVehicle, with uncertainties of 0.
  *
  * Some importers set every parameter: those that the user has not changed are set to
  * their start values. It is then not known which parameters the user has set. If every
@@ -314,11 +313,11 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->time = time;
   derive_outputs(m);
   /* Choose the text of the warning. glue_step() logs the text only if it differs from the
-   * text of the previous step. If several warnings apply to a step, `status` is the
-   * largest of their codes, which may differ in every step while a channel is missing. A
-   * text that describes `status` would then be logged again and again. While a channel
-   * is missing, the text therefore names this channel. Warnings with codes from TSE_W_GAP
-   * upwards are more important than a missing channel: the text describes `status`. */
+   * text of the previous step. `status` is the largest code of all warnings of the step.
+   * While a channel is missing, `status` can alternate between TSE_W_MISSING_CHANNEL and,
+   * for example, TSE_W_HELD. To log one warning and not one at each change, use a text
+   * that names the missing channel. Exception: a status of TSE_W_GAP or above is more
+   * important than a missing channel, and the text describes the status. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

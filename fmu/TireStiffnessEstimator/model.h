@@ -19,8 +19,8 @@ typedef struct model {
   tse_config used;        /* settings with which the filter runs */
   tse_setting nominal[3]; /* [N, N/rad, N/rad] nominal stiffness */
   tse_input row;          /* inputs that the importer has set */
-  uint32_t pedals_given;  /* bits of the pedals in row.given, shifted to bit 0 */
-  uint32_t road_given;    /* bits of the road in row.given, shifted to bit 0 */
+  uint32_t pedals_given;  /* input pedals.given: bit 0 brake, 1 wheel_torque_front, 2 wheel_torque_rear */
+  uint32_t road_given;    /* input road.given: bit 0 bank, 1 grade */
   tse_output y;           /* outputs of the last row */
   tse_setting mean[3];    /* [N, N/rad, N/rad] estimated mean stiffness */
   tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
@@ -32,7 +32,7 @@ typedef struct model {
   int32_t rows;           /* 0: no row has been processed; 1: there has been a row */
   double time;            /* [s] time of the last row */
   tse_params params;
-  tse_filter_paper memory; /* the filter. The type has room for the default and for the paper's filter */
+  tse_filter_paper memory; /* Kalman filter (smaller than this type) or particle filter */
 } model;
 
 #endif

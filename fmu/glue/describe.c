@@ -62,7 +62,7 @@ static const unit units[] = {
   /* clang-format on */
 };
 
-/* Return the unit of a variable. Exit with an error if it is not in the table. */
+/* Return the unit of a variable. Exit with an error if the unit is not in `units`. */
 static const unit *find_unit(const fmu_variable *v)
 {
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
@@ -75,7 +75,7 @@ static const unit *find_unit(const fmu_variable *v)
 /* Return 1 if the model has a variable with this unit. */
 static int is_used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time, which FMI 2.0 lacks */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* FMI 3.0 has the variable fmu_time, in s */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
@@ -233,8 +233,9 @@ static void print_variable2(int32_t index)
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* Print a variable for FMI 3.0. A variable that FMI 2.0 has, too, has the same name and
- * value reference in both versions. */
+/* Print a variable for FMI 3.0. An element of fmu_variables has the same name and value
+ * reference as for FMI 2.0.
+ *   Given:  count  number of elements: 1 for a scalar, more for an array */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
   (void)printf("    <%s", get_type_name(v, 3));
@@ -370,7 +371,7 @@ static void print_terminals(void)
     const size_t length = strlen(t->prefix);
     (void)printf("    <Terminal");
     print_attribute("name", t->name);
-    print_attribute("matchingRule", "bus"); /* importers connect the members that both terminals have */
+    print_attribute("matchingRule", "bus"); /* importers connect members with the same name */
     print_attribute("terminalKind", t->kind);
     print_attribute("description", t->text);
     (void)puts(">");
@@ -466,7 +467,8 @@ static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
       group ? ".<wbr>" : "", v->name + group + (group > 0), get_type_name(v, fmi), size,
       v->kind == 'r' ? find_unit(v)->fmi : ""); /* at <wbr>, the browser may break a long name */
   if (v->role != 'o') {
-    /* 6 digits are readable; modelDescription.xml has all digits */
+    /* Real: 6 digits, to be readable; modelDescription.xml has all digits. Integer:
+     * 10 digits, enough for all values */
     const int digits = v->kind == 'r' ? 6 : 10;
     (void)fputs("<td class=\"number\">", stdout);
     if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
@@ -482,7 +484,7 @@ static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
 /* Print three HTML tables of the variables: inputs, outputs, parameters. In a table,
  * variables with the same group (find_group_length()) stand together. The groups are in
  * the order of their first variables. For FMI 3.0, add a table of the arrays and the
- * time. Finally print a table of the codes of each enumeration type. */
+ * time. Then, for each enumeration type, print one table of its codes. */
 static void print_variables(int fmi)
 {
   static const struct {

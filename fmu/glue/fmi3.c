@@ -65,7 +65,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
 
 /* ------------------------------------------------------------------------------------------ values */
 
-#define COUNT , size_t count /* argument that follows `value` */
+#define COUNT , size_t count /* argument of fmi3Get.. and fmi3Set.. after `value` */
 GLUE_TYPE(fmi3, Float64, 'r', number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Int32, 'i', (fmi3Int32)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
@@ -180,8 +180,9 @@ REFUSE_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
 REFUSE_CLOCK(
     fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-/* Functions of model exchange. They refuse every call. They exist only because some
- * importers load them from every FMU. */
+/* Functions of model exchange, and fmi3ActivateModelPartition of scheduled execution.
+ * They refuse every call. They exist only because some importers load them from every
+ * FMU. */
 REFUSE(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
 REFUSE(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
 REFUSE(fmi3CompletedIntegratorStep,

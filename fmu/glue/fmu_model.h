@@ -18,9 +18,9 @@
 /* A variable of the FMU. Its value reference is its index in fmu_variables. */
 typedef struct fmu_variable {
   const char *name; /* unique name, with dots between its parts. Example: vehicle.mass */
-  char kind;        /* type in FMI. 'r': Real, in `model` a tse_setting for a parameter and
-                     * a tse_real for an input or output. 'i': Integer, 'b': Boolean,
-                     * 'e': Enumeration, these three in `model` an int32_t */
+  char kind;        /* FMI type. 'r': Real, 'i': Integer, 'b': Boolean, 'e': Enumeration.
+                     * C type in `model`: tse_setting for a Real parameter, tse_real for a
+                     * Real input or output, int32_t for all others */
   char role;        /* 'p': parameter, 'i': input, 'o': output, 't': time */
   int32_t offset;   /* [bytes] offset in `model` */
   int32_t rate;     /* [bytes] offset in `model` of the time derivative that extrapolates

@@ -45,7 +45,7 @@ static void free_place(volatile long *taken) { __sync_lock_release(taken); }
 #include <intrin.h>
 static int take_place(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
 static void free_place(volatile long *taken) { _InterlockedExchange(taken, 0L); }
-#else /* this compiler has no atomic operations: only one thread at a time may create instances */
+#else /* no atomic operations: only one thread at a time may create instances and saved states */
 static int take_place(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
 static void free_place(volatile long *taken) { *taken = 0; }
 #endif
@@ -144,10 +144,11 @@ int32_t glue_count_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-/* Check that a call of a get or set function passes as many values as its variables have
- * together.
- *   Given:  values  number of values that the call passes
- *           wanted  number of values that its variables have together */
+/* Check the number of values in a call of a get or set function. Return 1 if `values` is
+ * equal to `wanted`. Otherwise log an error and return 0.
+ *   Given:  values  number of values that the importer passes
+ *           wanted  number of values of all variables in the call: 1 for a scalar, more
+ *                   for an array */
 static int check_count(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
@@ -282,7 +283,8 @@ static void reset_content(glue_content *c)
     if (fmu_variables[i].role != 'o') set_number(c, &fmu_variables[i], fmu_variables[i].start);
 }
 
-/* If the outputs are stale, compute them again. Return 0 if the model refuses a value. */
+/* If `stale` is 1, because a parameter or input was set, compute the outputs again.
+ * Return 0 if the model refuses a parameter or input, otherwise 1. */
 static int update_outputs(instance *s, const char *function)
 {
   char text[FMU_TEXT] = "";

@@ -107,7 +107,7 @@ glue_status glue_set_logging(
     instance *s, const char *function, int on, size_t count, const char *const names[]);
 
 /* ---- arguments. The functions glue_check_*() return 1 if the check succeeds; otherwise
- * they log an error and return 0. */
+ * they log an error and return 0. Only glue_check_empty() returns a glue_status. */
 
 /* Return the instance to which a pointer points. Return NULL if it points to no instance
  * that is in use. */
@@ -125,15 +125,16 @@ const fmu_variable *glue_find_variable(const instance *s, uint32_t vr);
 /* Return the number of values of a variable: 1 for a scalar, more for an array. */
 int32_t glue_count_elements(const instance *s, uint32_t vr);
 
-/* Check the arguments of a get or set function: each value reference has a variable of
- * this kind, and `count` is the number of values of all these variables.
- *   Given:  kind  kind of the variables as in fmu_variable; 0, passed for an FMI type that
- *                 no variable has, refuses every variable
- *           type  FMI's name of the kind, for messages */
+/* Check the arguments of a get or set function: each value reference belongs to a
+ * variable of this kind, and `count` is the number of values of all these variables.
+ *   Given:  kind  fmu_variable.kind; 0: no variable has the FMI type of the function, so
+ *                 the check fails for every value reference
+ *           type  name of the FMI type, for messages */
 int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function);
 
-/* Check that a call without variables passes no values: `count` must be 0. */
+/* Return GLUE_OK if a call without variables passes no values: if `count` is 0. Otherwise
+ * log an error and return GLUE_ERROR. */
 glue_status glue_check_empty(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */
@@ -180,8 +181,8 @@ double glue_get_time(const instance *s);
  * therefore sets no value. */
 
 /* Prepare the outputs for a get function. In initialization mode, compute the outputs
- * again if a value was set since the last computation. In the other phases, the outputs
- * are not changed.   Returned: 0 if the model refuses a value, otherwise 1 */
+ * again if a parameter or input was set since the last computation. In the other phases,
+ * do nothing.   Returned: 0 if the model refuses a parameter or input, otherwise 1 */
 int glue_update_outputs(instance *s, const char *function);
 
 /* Return 1 if this variable may be set to this value in the current phase. Otherwise log

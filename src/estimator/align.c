@@ -4,19 +4,19 @@
  * L is the largest latency of all channels, or 0 if no channel is late. At the time `now`
  * the values of all channels have arrived for times up to now - L. The composed row
  * refers to the time now - L or, so that accel_x need not be interpolated, to the last
- * row of accel_x before this time (latencies.c). Channel c is interpolated linearly
- * between the stored rows, at the time now - latency_age[c]. dt of a composed row is the
- * time since the previous composed row.
+ * row of accel_x before this time (latencies.c). The value of channel c for the time of
+ * the composed row was logged latency_age[c] [s] before now. It is interpolated linearly
+ * between the stored rows. dt of a composed row is the time since the previous composed
+ * row.
  *
- * Interpolation between two rows with the weights w and 1 - w multiplies the variance
- * of white noise by w^2 + (1 - w)^2. The rest of the variance, the share 2 w (1 - w),
- * is not removed, but becomes correlation with the neighbouring rows. Stiffness and
- * biases are estimated from low frequencies, at which interpolation does not reduce
- * the noise. The filter therefore uses the noise sd of the settings also for
- * interpolated values. It assumes that the noise of different rows is independent. With
- * the smaller sd of a single interpolated row it would therefore be overconfident, and
- * take the correlated noise for a disturbance. The default filter estimates the noise
- * variance of a channel from the composed rows. */
+ * Interpolation between two rows with the weights w and 1 - w multiplies the variance of
+ * white noise by w^2 + (1 - w)^2, and correlates the noise of neighbouring rows. At low
+ * frequencies, from which stiffness and biases are estimated, the noise stays the same.
+ * The filters assume that the noise of different rows is independent. With the smaller
+ * variance they would be overconfident, and take the correlated noise for a disturbance.
+ * The particle filter therefore uses the noise sd of the settings also for interpolated
+ * values. The default filter estimates the noise variance of a channel from the composed
+ * rows. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -27,8 +27,8 @@
                               * manoeuvre, a channel changes by 0.001 m/s2 in this time */
 
 /* [s] If a channel is missing in some rows, it is interpolated between two of its
- * values that are at most this far apart. Between values that are further apart, it is
- * missing. */
+ * values that are at most this far apart. It is not interpolated between values that are
+ * further apart. */
 #define MAX_HOLE TSE_R(0.1)
 
 /* Return the index in the ring of the row before or after the one at index `at`. */
@@ -68,13 +68,13 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
   return 0;
 }
 
-/* Find the nearest value of channel c before or after row `at`.
- *   Given:     at     index of the row where the search starts
+/* Find the value of channel c that is nearest to row `at`, among older or newer rows.
+ *   Given:     at     index of the row next to which the search starts
  *              back   1: search older rows; 0: search newer rows
  *              rows   number of rows to search
- *   Updated:   apart  [s] distance from the nearer row of interpolate_rows(). In:
- *                     distance of row `at`; out: distance of the row of the value
- *   Returned:  1 and *value; 0 if no value has a distance of at most MAX_HOLE */
+ *   Updated:   apart  [s] before the call: time between a row R of the caller and row
+ *                     `at`; after it: time between R and the row of the value
+ *   Returned:  1 and *value; 0 if no value is within MAX_HOLE of R */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
 {
@@ -98,8 +98,8 @@ static int find_value(
  *   3. Only the farther row has no value: search beyond it for the next row with a value,
  *      and interpolate between that row and the nearer row. If no row within MAX_HOLE of
  *      the nearer row has a value, take the value of the nearer row.
- * A channel that is logged in every second row is thus known in every second composed
- * row.
+ * Because of case 1, a channel that is logged in every second row is missing in every
+ * second composed row.
  *   Given:     share  weight of row `at`
  *   Returned:  as read_channel() */
 static int interpolate_rows(
@@ -157,10 +157,11 @@ static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  /* optional channels are copied from the newest row, without interpolation. For a
-   * measured velocity the model takes into account that its time differs from the time
-   * of the composed row (velocity_late). Grade and bank change little within 0.2 s,
-   * the max of the settings ..._latency */
+  /* copy the optional channels from the newest row, without interpolation. The filter
+   * corrects measured velocities for the time from the composed row to the newest row
+   * (tse_params.velocity_late). It uses pedals, grade and bank as if they belonged to the
+   * composed row: grade and bank change little within 0.2 s, the max of the settings
+   * ..._latency */
   row->given = u->given;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);

@@ -25,17 +25,20 @@ void prepare_latencies(const tse_config *c, tse_params *p)
   p->velocity_late = real_of(c->velocity_latency);
 }
 #else
-/* Read the latency of each channel, relative to the yaw rate, whose latency is thus 0. */
+/* Read the latency [s] of each channel relative to the yaw rate. The yaw rate itself has
+ * the latency 0. */
 static void read_latencies(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 {
   for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, &setting_reals[FIRST_LATENCY + k]);
   latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
-/* [s] A processed row refers to the time `age` before the newest row. Each channel has
- * its own latency, so that the values for that time were logged at different times.
- * The value of the earliest channel (the one with the smallest latency) was logged
- * first: `span` before the newest row. */
+/* Time to which a processed row refers. The channels have different latencies, so their
+ * values for this time were logged at different times.
+ *   age       [s] the row refers to the time `age` before the newest row
+ *   span      [s] the first of these values was logged `span` before the newest row
+ *   earliest  channel with the smallest latency, whose value was logged first
+ *   latest    channel with the largest latency */
 typedef struct reading_time {
   tse_setting age, span;
   int earliest, latest;
