@@ -6,17 +6,20 @@
 #include "tables/constants.h"
 #include "tables/copies.h"
 
-#define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets no limit */
+/* [1] Max sample-to-sample variance of (stiffness/nominal) in the particle filter, if the
+ * setting spread_max is 2, which means no limit. */
+#define MAX_SPREAD_VAR TSE_R(1000000)
 /* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m.
  * It is used if the setting wheel_noise_sd gives a smaller sd, as its default, 0,
  * does. */
 #define MIN_WHEEL_SD TSE_S(0.012)
-/* [m] Min relaxation length. If the length is shorter, the slip angle settles within one
- * substep even at 10 m/s, so that a shorter length would hardly change the result. */
+/* [m] Min relaxation length. At 10 m/s it delays the slip angle by 0.05/10 = 5 ms, half
+ * the usual sample time (10 ms). A shorter length would hardly change the result. */
 #define MIN_RELAXATION TSE_S(0.05)
-/* [1] Min prior sd of the ratio of the wheel radii, which changes with pressure and
- * temperature. The ratio is estimated in every car, because even a small error looks like
- * slip: an error of 0.0005, a quarter of this sd, is half the slip of steady driving. */
+/* [1] Min prior relative sd of the ratio of the rear to the front wheel radius, used if
+ * the setting wheel_radius_sd is smaller, as its default, 0, is. The ratio changes with
+ * tyre pressure and temperature, and its errors look like slip: an error of 0.0005, a
+ * quarter of this sd, equals half the slip of steady driving. */
 #define MIN_RADIUS_SD TSE_R(0.002)
 /* [1] Coefficient of the rolling resistance that brakes a freely rolling axle, if the
  * setting rolling_resistance_coefficient is 0: a usual value of car tyres. */
@@ -42,7 +45,8 @@ static uint32_t mix_setting(uint32_t h, tse_setting x)
   return h;
 }
 
-/* Return the fingerprint of all settings. */
+/* Return the fingerprint of all settings and of TSE_MAX_PARTICLES, a constant of the
+ * build that determines the size of a filter. */
 static uint32_t compute_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
@@ -126,27 +130,30 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 }
 
 #if defined(TSE_REAL_FIXED)
-/* Limits of the constants of a filter in fixed point (check_range()). Numbers saturate
- * at FIXED_MOST, 2^27 (1.3e8), and the smallest positive number, one step, is 2e-10.
- * The particle filter divides measurements by the sd of their sensor (unit sigma). Its
- * covariances, in sigma^2, contain squares of the quantities below, and must stay
- * below FIXED_MOST. The limits ensure this. A variance that is added in each row must
- * be at least one step, otherwise it is rounded to 0 (is_below_step()). */
+/* Limits of the constants of a filter in fixed point (check_range()). They keep all
+ * numbers below FIXED_MOST, 2^27 (1.3e8), at which numbers saturate. The particle filter
+ * divides each measurement by the noise sd of its sensor (unit sigma), and its variances
+ * are in sigma^2: an error of 10000 sigma already has a square of 1e8.
+ *
+ * The smallest positive number is 2^-32 (2e-10). A smaller increase of a variance in a
+ * log row would be rounded to 0 (is_below_step()). */
 
-/* [sigma per unit of slip] Max change of an accelerometer value by slip; 230 times the
- * value of the default car. At this limit a slip of 10 % together with a stiffness
- * error of 30 % causes an error of 131072 * 0.1 * 0.3 = 3900 sigma, whose square is
- * below FIXED_MOST. The same number limits another quantity, tse_params.damping times
- * the longest step [m/s]. */
+/* [sigma per unit of slip] Max of (longitudinal stiffness of both axles/mass)/accel_x_sd,
+ * 117 times the value of the default car, and of (cornering stiffness of an
+ * axle/mass)/accel_y_sd [sigma/rad]. At this limit a slip of 0.1 and a stiffness error of
+ * 30 % cause an error of 131072 * 0.1 * 0.3 = 3900 sigma, whose square is below
+ * FIXED_MOST. The number also limits tse_params.damping [m/s2] times
+ * tse_params.max_step [s]. */
 #define MAX_SIGNAL_GAIN TSE_R(131072)
-/* [sigma] Max initial sd of the yaw rate; its square is below FIXED_MOST. The same
- * number limits another quantity, (mass times distance of an axle)/(yaw inertia)
- * [1/m]. */
+/* [sigma] Max initial sd of the yaw rate, in noise sds of the gyro; its square is below
+ * FIXED_MOST. The number also limits m l_f/I_z and m l_r/I_z [1/m] (m: mass; l_f, l_r:
+ * distances of the axles from the centre of gravity; I_z: yaw inertia). */
 #define MAX_START TSE_R(4096)
 /* [sigma^2] Max initial variance of a bias, and max increase of this variance per
  * second. */
 #define MAX_BIAS_VAR TSE_R(16777216)
-/* [1] Max of the square of the setting noise_max. */
+/* [1] Max of noise_max^2. The setting noise_max is the max ratio of the estimated noise
+ * sd of a sensor to its setting. */
 #define MAX_NOISE TSE_R(65536)
 
 /* Return whether a variance does not grow although its rate is positive, because rate
@@ -261,7 +268,8 @@ static void prepare_body(const tse_config *c, tse_params *p)
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 }
 
-/* Compute pitch, mounting and scales of the IMU, and the noise sds of all sensors. */
+/* Compute the effect of body pitch on accel_x, the mounting angle and scale factors of
+ * the IMU, and the noise sds of all sensors. */
 static void prepare_readings(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -325,8 +333,10 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   p->mass_var = real_of(compute_square(c->mass_sd));
 }
 
-/* Convert sds, biases and bias walks of the IMU from SI units to sds of the sensor.
- *   Updated:  p  has them in SI units before the call */
+/* Compute the constants of each IMU channel in sigma, the noise sd of the channel:
+ * variance of the initial bias [sigma^2] and its growth rate [sigma^2/s]. Also compute
+ * 1/sd and log2(sd) of the noise.
+ *   Updated:  p  already has the sds of noise, bias and bias walk, in SI units */
 static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
@@ -337,9 +347,10 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Compute times and limits of a row. For the particle filter (form 1) also compute the
- * longest and shortest integration step, and the fastest damping rate of the car. In
- * each row the particle filter chooses its integration step from these three numbers. */
+/* Compute 1/sample_time and the squares of the settings noise_max and valid_sd. For the
+ * particle filter (form 1) also compute the longest and shortest integration step, and
+ * the fastest damping rate of the car times speed. In each row the particle filter
+ * chooses its integration step from these three numbers. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
@@ -361,9 +372,10 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(compute_square(c->valid_sd));
 }
 
-/* Compute prior, memory and limits of the particle filter (form 1). For both filters
- * compute learnt_floor and learnt_walk, which determine the variance of a stiffness that
- * is loaded from a learnt state. */
+/* Compute the constants with which the particle filter (form 1) estimates the stiffness:
+ * prior, forgetting factors, min and max stiffness. For both filters compute learnt_floor
+ * and learnt_walk, which determine the variance of a stiffness that is loaded from a
+ * learnt state. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = compute_square(c->initial_spread);

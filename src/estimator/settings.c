@@ -69,7 +69,7 @@ void tse_config_paper(tse_config *c)
   if (!c) return;
   tse_config_exact(c);
   c->form = 1;
-  c->exact_kinematics_share = TSE_S(0); /* as equations (1) to (4) of the paper */
+  c->exact_kinematics_share = TSE_S(0); /* small angles: equations (1) to (4) of the paper */
   /* the paper's "30 %" is both the spread (sd of the stiffness from sample to sample),
    * set here, and the sd of the initial mean, initial_mean_sd, whose default is 0.3 */
   c->initial_spread = TSE_S(0.3);

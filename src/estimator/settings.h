@@ -19,15 +19,16 @@ uint64_t find_active_effects(const tse_config *c);
 void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS]);
 #endif
 
-/* latencies.c: check that the filter stores enough rows for the span of the latencies.
- *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the name of the latency that makes
- *              the span too long: the one furthest from 0, the latency of the yaw rate.
- *              In a build that allows no latencies, *wrong is the first latency that is
- *              not 0 */
+/* latencies.c: check that the filter stores enough rows for the span from the smallest to
+ * the largest latency. Latencies are relative to the yaw rate.
+ *   Returned:  TSE_OK; or TSE_E_CONFIG and *wrong, the name of the latency of largest
+ *              magnitude. In a build that allows no latencies, *wrong is the first
+ *              latency that is not 0 */
 tse_status check_latencies(const tse_config *c, const char **wrong);
 
-/* latencies.c: compute how old a row is when it is processed (latency), and how old the
- * value of each channel is that this row contains (latency_age). */
+/* latencies.c: compute ages [s] at the time of the newest row. p->latency: age of the row
+ * that is then processed. p->latency_age: for each channel, time since the value in the
+ * processed row was logged. */
 void prepare_latencies(const tse_config *c, tse_params *p);
 
 #endif

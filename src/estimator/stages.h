@@ -1,5 +1,5 @@
-/* estimator/stages.h - stages that both filters share: checked row, alignment,
- * start, report. Internal. */
+/* estimator/stages.h - shared declarations: check of a row, alignment of channels with
+ * different latencies, start and report of the particle filter. Internal. */
 #ifndef TSE_STAGES_H
 #define TSE_STAGES_H
 

@@ -6,9 +6,9 @@
  * yaw rate and steering angle, the other compares accel_x and the gain of speed. Each
  * test gives the log odds of reverse. The log odds of both tests start again at 0
  * whenever the car is slower than MIN_ROLLING_SPEED, where it can change its direction,
- * and whenever a wheel speed is negative, because the log then has a sign and needs no
- * test. Above MAX_REVERSE_SPEED the car drives forwards, and both log odds are set to the
- * min, -TAIL.
+ * and whenever a wheel speed is negative, because the wheel speeds then have a sign and
+ * show the direction without a test. Above MAX_REVERSE_SPEED the car drives forwards, and
+ * both log odds are set to the min, -TAIL.
  *
  * The car counts as rolling backwards if the sum of the two log odds is large
  * (MIN_REVERSE_ODDS) and each of the two is above a lower limit (MIN_EACH_ODDS). The

@@ -15,10 +15,10 @@
  * The kinds form two groups, lateral and longitudinal. When the posterior probability of
  * "no event" in a group falls below 1 - BELIEVED, the most probable hypothesis of the
  * group is accepted, even if its own probability is below BELIEVED: the state is shifted
- * by the estimated amplitude times v, and the variances of the kind (kind.own) are added
- * to its covariance. A hypothesis whose slot is taken for a newer one is discarded. It is
- * then merged into the state with a weight that increases with its probability
- * (compute_merge_weight()).
+ * by the estimated amplitude times v, and its covariance is increased by the variance of
+ * the amplitude and by fixed variances (kind.own). A hypothesis that is not accepted
+ * loses its slot to a newer one. Its event is then merged into the state with a weight
+ * that increases with its probability (compute_merge_weight()).
  *
  * After a change the car may return to the previous road, for example at the end of a
  * patch of ice or water. The amplitude of such a return is known: w = 1. If the return
@@ -26,8 +26,8 @@
  * (recall_state()). */
 #include "filter/filter.h"
 
-/* A state that an event shifts. The shift at an amplitude of 1 is an sd, and `by` is
- * its index in get_sd(). In unused elements `state` is -1. */
+/* A state that an event changes (index `state`; -1 in unused elements), and the sd of the
+ * change (index `by`, BY_CHANGE ...; get_sd() returns the sd). */
 typedef struct opens {
   int8_t state, by;
 } opens;
@@ -62,7 +62,7 @@ enum { NO_CHANNEL = -1 };
 /* A kind of event. */
 typedef struct kind {
   opens common[4];     /* states that the amplitude shifts */
-  opens own[4];        /* states whose variance increases independently when the event is accepted */
+  opens own[4];        /* states whose variance an accepted event increases, each by its get_sd()^2 */
   tse_real every;      /* [s] interval at which hypotheses are opened */
   tse_real rate;       /* [1/s] prior rate: expected number of such events per second */
   tse_real least;      /* [1] min amplitude to which the filter reacts */
@@ -76,9 +76,10 @@ typedef struct kind {
  * the logarithm of the longitudinal stiffness, with the same sd as the logarithm of
  * the cornering stiffness. LCX also contains the longitudinal model error, which may
  * be different for the old and the new tyres. When the change is accepted, LCX
- * therefore also receives an sd of twice the sd of this error. UNUSED marks kinds
- * without states in this table: open_slot() sets the states of EVENT_ROAD_RETURN, and
- * a faulty sensor shifts no state, only its own measurements (events_learn()). */
+ * therefore also receives an sd of 2 USUAL_MODEL_SD: the sd of the model error once for
+ * the old and once for the new tyres. UNUSED marks kinds without states in this table:
+ * open_slot() sets the states of EVENT_ROAD_RETURN, and a faulty sensor shifts no state,
+ * only its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -271,16 +272,17 @@ static int can_name_frozen(const tse_kalman *k, int32_t which)
 }
 
 /* Return the log2 penalty of an event that increases a cornering stiffness: log2(e)
- * excess^2/(2 variance), the larger of the two axles. The nominal stiffness is that of a
- * road with good grip, so that a change of the road surface normally leads to a lower
- * stiffness than nominal. The excess of a change of the road is therefore ln(new
- * stiffness/nominal). If it is negative, there is no penalty. The variance is that of the
- * prior plus USUAL_MODEL_SD^2.
+ * excess^2/(2 variance) of the axle where it is larger. 0: no axle has an excess > 0.
  *
- * The excess of a change of the tyres of one axle is the increase of ln(stiffness),
- * less its decrease at the last change of tyres. The variance is MODEL_FLOOR^2.
- * Without this second penalty stiffer rear tyres would be as likely as softer front
- * tyres, because both change the response to steering in the same way. */
+ * Road surface: the nominal stiffness is that of a road with good grip, so that a new
+ * stiffness above nominal is unlikely. The excess is ln(new stiffness/nominal), the
+ * variance is that of the prior plus USUAL_MODEL_SD^2.
+ *
+ * Tyres of one axle: without a penalty, stiffer rear tyres would be as likely as softer
+ * front tyres, because both change the response to steering in the same way. The excess
+ * is the increase of ln(stiffness). If ln(stiffness) is now lower than before the last
+ * change of tyres, the increase counts only from that earlier value. The variance is
+ * MODEL_FLOOR^2. */
 static tse_real penalise_stiffer(
     const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
@@ -300,15 +302,15 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return log2 of the ratio of two likelihoods of the samples since the hypothesis in slot
- * n was opened: if its event has happened, and if no event has. If the event increases a
- * cornering stiffness, penalise_stiffer() is subtracted.
+/* Return log2 of a likelihood ratio of the samples since the hypothesis in slot n was
+ * opened: (likelihood if its event has happened)/(likelihood if no event has). If the
+ * event increases a cornering stiffness, penalise_stiffer() is subtracted.
  *
- * If the event is a fault, the ratio is limited to 0 for SETTLE_TIME after a change of
- * tyres. In this time innovations are large until the new stiffness is found, and must
- * not make the fault more likely than no event. If the fault is that of a sensor, the
- * result is at least the evidence that the sensor is frozen (tse_kalman.frozen). The
- * limit does not apply to this evidence. */
+ * For a fault, the log2 ratio of the samples is at most 0 during SETTLE_TIME after a
+ * change of tyres: innovations are large until the new stiffness is found, and must not
+ * make the fault more likely than no event. If there is stronger evidence that the faulty
+ * sensor is frozen (tse_kalman.frozen > 0), return this evidence instead, also during
+ * SETTLE_TIME. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -406,7 +408,7 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Return state i, a stiffness or the grip, to its value on the previous road, before
+/* Restore state i, a stiffness or the grip, to its value on the previous road, before
  * the last change: update the filter as if this state had been measured with the mean
  * and variance of that time. The correlated states and the covariance then follow. */
 static void recall_state(tse_kalman *k, int i)
@@ -436,12 +438,11 @@ int can_return(const tse_kalman *k)
 
 /* Find a slot for the next event of a kind. Take a free slot. If no slot is free, wait
  * until the youngest event of the kind has the age `due`, then take the slot of the
- * oldest event. Some events keep their slot until they are ROAD_TIME old, and are passed
- * over until then. If a kind has several slots, this is its most likely event, because on
- * a drive with few bends the evidence of one second is not enough for a decision. A
- * change of the tyres of an axle keeps its slot as long as it is more likely than no
- * event. An event that is not accepted within ROAD_TIME is probably drift or model error,
- * and loses its slot.
+ * oldest event. These events keep their slot until they are ROAD_TIME old:
+ *   - the most likely event of a kind with several slots, because on a drive with few
+ *     bends the evidence of one second is not enough for a decision;
+ *   - a change of the tyres of one axle, while it is more likely than no event.
+ * An event that is not accepted within ROAD_TIME is probably drift or model error.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event of the kind before a slot with an
  *                     event is taken
@@ -466,10 +467,11 @@ static int find_slot(
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift the state by `by`, in units of the state. The states for stiffness and grip are
- * logarithms. In a change of tyres their elements of `by` are relative changes of the
- * stiffness or grip, so that these states shift by ln(1 + by).
- *   Returned:  rescale  derivative of the shifted state with respect to `by` */
+/* Shift each state i by c = by[i] state_unit[i]. Exception: in a change of tyres, c of a
+ * stiffness or of the grip is its relative change. Its state, a logarithm, then shifts by
+ * ln(1 + c).
+ *   Returned:  rescale  derivative of each shift with respect to c: 1, or 1/(1 + c) for a
+ *                       logarithm */
 static void move_state(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
 {
@@ -486,9 +488,10 @@ static void move_state(
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-/* Add to the covariance the variance var of an amplitude, by which the state shifts: add
- * var v v'. Element i of v is slopes[i] times rescale[i].
- *   Given:  slopes   derivative of `by` of move_state() with respect to the amplitude
+/* Add var v v' to the covariance. var is the variance of an amplitude, and v the
+ * derivative of the state with respect to this amplitude: v[i] = slopes[i] rescale[i].
+ *   Given:  slopes   derivative of `by`, the argument of move_state(), with respect to
+ *                    the amplitude
  *           rescale  from move_state() */
 static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
@@ -509,8 +512,8 @@ static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = get_kind(which);
-  /* Axle whose stiffness gives the step. 0: front axle, also for a change of the road;
-   * 1: rear axle. */
+  /* axle from whose change of stiffness `moved` is computed: 0 front, also for a change
+   * of the road; 1 rear */
   const int axle = which == EVENT_REAR;
   const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
                                                : TSE_R(0);
@@ -557,10 +560,10 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it into the state with this weight. If the event is a
- * change of tyres, the mean of LCX is not shifted, because only accepted changes shift
- * it. But the variance of LCX increases. The same increase is added to the variance of
- * the slip stiffness without model error (tse_along). */
+/* Discard event n and merge it into the state with this weight. Unlike an accepted change
+ * of tyres, a discarded one only increases the variance of LCX, and does not shift its
+ * mean. The increase is also added to tse_along.var, the variance of ln(slip stiffness),
+ * which is LCX without the model error. */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);

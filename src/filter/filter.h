@@ -34,7 +34,7 @@ typedef struct decoded {
   int32_t has_steer;        /* 1: the steering angle is given */
   int32_t used;             /* number of IMU channels used */
   int32_t equal;            /* 1: both wheel speeds are equal */
-  int32_t same;             /* 1: both wheel speeds are equal, or have the ratio tse_filter.ratio */
+  int32_t same;             /* 1: wheel speeds equal, or in the ratio of earlier rows (tse_filter.ratio) */
   int32_t off[2];           /* 1: the wheel speed of this axle has changed since the previous row, and is
                              * not a copy of the wheel speed of the other axle */
   int32_t one_speed;        /* 1: both wheel speeds are copies of one signal */
@@ -106,7 +106,7 @@ typedef struct event_posterior {
 typedef struct row_class {
   int gap;       /* 1: the motion cannot be predicted from the previous row to this one */
   int sparse;    /* 1: gaps are more frequent than MAX_GAP_RATE, so that no estimate is valid */
-  int held;      /* 1: the car is slow or in reverse, or steers by a large angle */
+  int held;      /* 1: no stiffness is updated: car slow, in reverse, or steering angle large */
   int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is unknown
                   * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
   int no_second; /* 1: the wheel speeds of the two axles cannot be compared (decoded.no_second) */
@@ -200,8 +200,9 @@ void watch_fault(tse_kalman *k, int channel, const scalar *m);
  *              consider parameters, stored as tse_short (r_short()) */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
-/* Return whether the sensitivities of the motion are known: for each event and consider
- * parameter, the sum of their squares is below MAX_D. */
+/* Return whether, for each event and consider parameter, the sum of squares of the
+ * sensitivities of the motion is below MAX_D. A larger sum means that the prediction of
+ * the motion has diverged. */
 int are_sensitivities_known(const tse_kalman *k);
 
 /* Set the sensitivities of the first `count` states to 0. */
@@ -258,8 +259,8 @@ void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real b
  * state if one was loaded. */
 STAGE void start_state(const tse_params *p, tse_filter *f);
 
-/* Initialise the motion from wheel speed and gyro, and set both lags between the
- * logged steering angle and the wheels (setting steering_lag_time) to the logged
+/* Initialise the motion from wheel speed and gyro. Two low passes in series delay the
+ * logged steering angle (setting steering_lag_time): set their outputs to the logged
  * angle. */
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
@@ -272,11 +273,11 @@ STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
  * (errors in variables). */
 void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
-/* Set the means of the states GX and GY, gravity along and across the road, to the
- * values that follow from the grade and bank of the row, and shift the states by the
- * changes of their means. If the log begins or ceases to give grade or bank, set the
- * state to its mean and reset its variance. Call it before predict_row() or
- * predict_slow_states(). */
+/* Use the grade and bank of the row. GX and GY, gravity along and across the road, are
+ * Ornstein-Uhlenbeck processes: each decays towards a process mean. Set this mean from
+ * grade or bank, and shift the state by the change of the mean. If the log begins or
+ * ceases to give grade or bank, set the state to the mean and reset its variance. Call it
+ * before predict_row() or predict_slow_states(). */
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row.
@@ -413,8 +414,9 @@ STAGE void check_agreement(
 
 /* Return the number of the channel that contradicts the others, as
  * in fault_channel, or 0.
- *   Returned:  *factor  factor by which this channel is too large. 0: the error of the
- *                       channel is not a factor, for example a latency */
+ *   Returned:  *factor  (logged value)/(true value) of this channel; negative if its
+ *                       sign is wrong. 0: no channel, or the error is not a factor, for
+ *                       example a latency */
 int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor);
 
 /* --------------------------------------------------------------------------- output.c */
