@@ -16,28 +16,32 @@
                                          * error arises because the two front wheels of a car steer by
                                          * different angles (Ackermann), but the model has only one front
                                          * wheel */
-#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] limit of the error of the ratio of front to rear wheel radius
-                                         * in the settings, as the filter estimates it (state RAD). Beyond the
-                                         * limit the longitudinal stiffness is not valid. If 3 prior sds of
-                                         * RAD are larger than 0.01, they replace this limit */
-#define MAX_LOG_CHANGE TSE_R(3)         /* [1] max change of the logarithm of a stiffness: a factor of 20 */
-#define SLIP_EVENT_SD TSE_R(0.1)        /* [1] sd of the slip of wheels that begin to lock or spin */
-#define STEER_FAULT_SD TSE_R(0.05)      /* [rad] sd of the offset of a faulty steering angle */
-#define STEER_ACCEPTED_SD TSE_R(0.01)   /* [rad] when the event of a faulty steering angle is accepted
-                                         * (events.c), the state of the steering offset is shifted by the
-                                         * estimated error, and the square of this sd is added to its
-                                         * variance */
+#define MAX_RADIUS_ERROR TSE_R(0.01)    /* [1] max magnitude of the state RAD at which the longitudinal
+                                         * stiffness is valid, or 3 prior sds of RAD if these are larger. RAD
+                                         * is the relative error of the ratio of front to rear wheel radius in
+                                         * the settings */
+#define MAX_LOG_CHANGE TSE_R(3)         /* [1] max magnitude of the change of the logarithm of a stiffness or
+                                         * the grip at a return to the previous road (events.c): a factor of
+                                         * 20 */
+#define SLIP_EVENT_SD TSE_R(0.1)        /* [1] prior sd of the step of the slip when wheels begin to lock or
+                                         * spin (events.c) */
+#define STEER_FAULT_SD TSE_R(0.05)      /* [rad] prior sd of the error of a faulty steering angle, which is
+                                         * taken as an offset (events.c, backwards.c) */
+#define STEER_ACCEPTED_SD TSE_R(0.01)   /* [rad] sd of the error of the estimated fault of a steering angle.
+                                         * When the fault is accepted (events.c), the state STEER_OFFSET is
+                                         * shifted by the estimate, and the square of this sd is added to the
+                                         * variance of STEER_OFFSET */
 #define STEER_HOLD_TIME TSE_R(0.095)    /* [s] mean time for which an active driver holds the steering wheel
                                          * still. A working steering angle therefore repeats its value from
                                          * one row to the next with the probability exp(-dt/STEER_HOLD_TIME)
                                          * or more: 0.9 if rows are 10 ms apart. The test for a frozen angle
                                          * (faults.c) allows for these repeats */
-#define MAX_ROW_TIME TSE_R(0.125)       /* [s] max time between rows over which a TSE_SMALL build predicts the
-                                         * motion. After a longer time the motion is initialised from the
-                                         * sensors instead, because the substeps of the integration (at most
-                                         * TSE_SUBSTEPS in a row) would be too long. In every build latencies
-                                         * are estimated only from rows that are less than this apart
-                                         * (plausible.c) */
+#define MAX_ROW_TIME TSE_R(0.125)       /* [s] max time between rows over which a TSE_SMALL build (lateral
+                                         * motion only) predicts the motion, with at most TSE_SUBSTEPS = 4
+                                         * integration steps per row. After a longer time these steps would be
+                                         * too long, and the motion is initialised from the sensors instead.
+                                         * In every build, only rows that follow the previous row within this
+                                         * time are used to estimate latencies (plausible.c) */
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip, if the slip is
                                          * computed from accel_x instead of the wheel speeds
                                          * (set_slip_by_force() in predict.c) */
@@ -49,11 +53,12 @@
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] speed below which a car may change its direction between
                                          * forwards and backwards */
 #define REVERSE_SD TSE_R(1)             /* [m/s] used by two tests whether the car is in reverse
-                                         * (backwards.c). One test compares the gain of speed with the
-                                         * integral of accel_x: this is the sd of their difference at the
-                                         * start, without gravity. The other test compares the yaw rate with
-                                         * v d/L (v: speed, d: steering angle, L: wheelbase): in the sd of
-                                         * v d/L, v is at least this speed */
+                                         * (backwards.c). The first test compares the gain of speed with the
+                                         * integral of accel_x. The variance of their difference is
+                                         * REVERSE_SD^2 plus a part due to gravity, which grows with time. The
+                                         * second test compares the yaw rate with v d/L (v: speed, d: steering
+                                         * angle, L: wheelbase). In the sd of v d/L, v counts as at least
+                                         * REVERSE_SD */
 #define MAX_REVERSE_SPEED TSE_R(8)      /* [m/s] max speed of a car in reverse */
 
 /* Limits that follow from a definition or from a tuned constant. */
@@ -64,10 +69,10 @@
 #define STILL_TIME MODEL_TIME           /* [s] time for which all wheels must be slower than STILL_SPEED
                                          * before the car counts as at rest. Until then the body of the car
                                          * may still swing */
-#define OPEN_TIME MODEL_TIME            /* [s] interval at which, for each kind of event except sliding
-                                         * wheels, a new hypothesis is opened that such an event happens now
-                                         * (events.c). An event between two of these times is explained by the
-                                         * hypothesis that was opened before it or after it */
+#define OPEN_TIME MODEL_TIME            /* [s] interval at which the filter opens, for each kind of event
+                                         * except sliding wheels, a hypothesis that the event happens now
+                                         * (events.c). An event that happens between two openings is explained
+                                         * by the hypothesis opened just before or just after the event */
 #define OPEN_TIME_SLIP TSE_R(0.1)       /* [s] interval at which a new hypothesis is opened that wheels
                                          * begin to lock or spin: wheels need about this time to lock or to
                                          * spin up */
@@ -90,7 +95,8 @@
 
 /* Limits of numerics: min divisors, and max values that every number format can hold. */
 #define MAX_TIME TSE_R(1e6)             /* [s] max of timers and ages */
-#define MAX_AGE TSE_R(100)              /* [s] max of ages that are compared with times of some seconds */
+#define MAX_AGE TSE_R(100)              /* [s] as MAX_TIME, for times of which only the first seconds matter,
+                                         * such as the age of the stored past motion */
 #define MAX_SINCE TSE_R(1000)           /* [s] max stored age of a measured velocity, and max stored time for
                                          * which a velocity has been rejected. The same number without unit is
                                          * the max of tse_filter.gaps, the number of recent gaps */
@@ -100,36 +106,42 @@
                                          * (backwards.c) */
 #define MAX_USUAL TSE_R(1000)           /* [1] max of tse_kalman.usual, the running mean of the ratio of the
                                          * squared slow (low-passed) innovation to its predicted variance */
-#define MAX_FROZEN TSE_R(1000)          /* [log2] max evidence that a channel is frozen */
-#define MAX_INFO TSE_R(1e6)             /* [1] max information of the samples on the amplitude of an event
-                                         * (1/variance), and max score, the derivative of the log-likelihood
-                                         * with respect to the amplitude. Also the max of the normalised
-                                         * innovation squared (nis) and of tse_timing.late */
+#define MAX_FROZEN TSE_R(1000)          /* [log2] max evidence that a channel is frozen: -log2 of the
+                                         * probability that a working channel repeats its value so often */
+#define MAX_INFO TSE_R(1e6)             /* [1] max information (1/variance) of the samples on the amplitude of
+                                         * an event. Also the max magnitude of three other numbers: the score,
+                                         * which is the derivative of the log-likelihood with respect to the
+                                         * amplitude; the normalised innovation squared (nis); and, in m2/s4,
+                                         * tse_timing.late (plausible.c), a latency times its excitation */
 #define MIN_LOG2 TSE_R(-100)            /* [log2] min logarithm of the weight of an
                                          * event before normalisation */
 #define MIN_WEIGHT TSE_R(1e-6)          /* [1] min probability with which an event contributes to a result */
 #define MIN_ALONG_VAR TSE_R(1e-6)       /* [1] min prior variance of the logarithm of the slip stiffness,
                                          * because along_share() divides by it */
-#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of a stiffness or grip that is recalled after
-                                         * a return to the previous road (recall_state() in events.c). The
-                                         * gain divides by the sum of this variance and the variance of the
-                                         * state, which could otherwise be 0 */
+#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of the remembered stiffness or grip with
+                                         * which a state is updated after a return to the previous road
+                                         * (recall_state() in events.c). The gain is divided by this variance
+                                         * plus the variance of the state, and both could otherwise be 0 */
 #define MIN_FORCE TSE_R(0.2)            /* [1] min ratio of the tyre force after a change of road or tyres to
                                          * the tyre force before it. The filter estimates the ratio by a
-                                         * linear approximation, which may give 0 or a negative ratio. The
-                                         * change of the state is the logarithm of the ratio, which then does
-                                         * not exist */
-#define MAX_SLOPE TSE_R(100)            /* [unit/unit] max magnitude of an element of a transition matrix.
-                                         * With this limit a variance grows in one row by a factor of less
-                                         * than 1e7. A variance that was below MAX_D then stays in the range
-                                         * of floating-point numbers. In fixed point the format of the
-                                         * elements limits them instead */
+                                         * linear approximation, which may give 0 or a negative number. The
+                                         * state changes by the logarithm of the ratio, so that the ratio must
+                                         * be positive */
+#define MAX_SLOPE TSE_R(100)            /* [unit/unit] max magnitude of an element of a transition matrix. A
+                                         * variance then grows in one row by a factor of at most (23 states x
+                                         * 100)^2 = 5e6. A variance below MAX_D thus stays in the range of
+                                         * floating-point numbers. In fixed point the number format limits the
+                                         * elements instead */
 #define MIN_SLIP_VAR TSE_R(1e-6)        /* [unit^2] added to the variance of the slip in slip^2/(slip^2 +
                                          * variance), see compute_signal_shares(). Avoids 0/0 when slip and
                                          * variance are both 0 */
-#define WALK_TIME TSE_R(1)              /* [s] max interval at which process noise is added to a slow state */
-#define WANDER_TIME TSE_R(0.2)          /* [s] max interval at which process noise is added to gravity along
-                                         * and across the road: ROAD_TIME/40 */
+#define WALK_TIME TSE_R(1)              /* [s] max time between two additions of process noise to a slow state
+                                         * (bias, stiffness, grip, steering). Noise is not added in every row,
+                                         * because each addition is a rank-one change of the covariance, which
+                                         * takes time */
+#define WANDER_TIME TSE_R(0.2)          /* [s] as WALK_TIME, for gravity along and across the road, which
+                                         * changes faster: a small share of its correlation time,
+                                         * ROAD_TIME/40 */
 #define MAX_GAIN TSE_R(0.1)             /* [1] max gain of a running mean in one row, also if the time since
                                          * the previous row is long */
 #define MIN_NOISE TSE_R(0.04)           /* [1] min ratio of the estimated noise variance to the variance in
@@ -174,10 +186,11 @@
 #define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation in a loaded covariance. Below 1, so that
                                          * conditional variances stay positive */
 #define MAX_D TSE_R(1e6)                /* [unit^2] max element of the matrix D (covariance U D U') for a
-                                         * state of the motion, and max sum of squares of the sensitivities of
-                                         * the motion: an sd of 1000 units. If a number is larger, the motion
+                                         * state of the motion: an sd of 1000 units. Also the max sum of
+                                         * squares of the sensitivities, i.e. of the shifts of the motion due
+                                         * to an event or a consider parameter. Above either limit the motion
                                          * counts as unknown, and the next row with steering angle and wheel
-                                         * speed initialises it */
+                                         * speed initialises the motion */
 
 /* Limits of the test whether the channels agree (plausible.c). They need no tuning: a
  * wrong unit, sign or axle exceeds these limits by far. */
@@ -198,24 +211,26 @@
                                          * below this, the pair disagrees. Noise alone does not make the
                                          * correlation so small, because a pair is judged only while its
                                          * quantities are large (min_excitation in plausible.c) */
-#define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a wrong sign of the covariance
-                                         * counts, for the pairs IN_BENDS and BY_DRIVE (plausible.c). The
-                                         * quantities of these pairs are small compared with the noise. At a
-                                         * smaller correlation the sign may therefore be wrong by chance */
-#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] the pair BY_DRIVE (plausible.c) is used only while accel_x
-                                         * is above this. At a larger deceleration the car may brake. Undriven
-                                         * wheels then slip, too, and the slip does not show which axle is
-                                         * driven */
+#define AGAINST TSE_R(0.2)              /* [1] the pairs IN_BENDS and BY_DRIVE (plausible.c) disagree if their
+                                         * covariance has the wrong sign and their squared correlation is
+                                         * above this. Below it the sign may be wrong by chance, because speed
+                                         * differences of the axles are small compared with their noise */
+#define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] min accel_x at which the pair BY_DRIVE (plausible.c) is
+                                         * used. The pair compares accel_x with the speed difference of the
+                                         * axles: driven wheels are faster while the car accelerates. At a
+                                         * larger deceleration the car may brake. Undriven wheels then slip,
+                                         * too, and the speed difference does not show which axle is driven */
 #define SLIPPING TSE_R(0.03)            /* [1] max relative speed difference of the axles at which the pairs
-                                         * ALONG and IN_BENDS (plausible.c) are used; for IN_BENDS the
-                                         * difference that is expected in a bend is added. Beyond it wheels
-                                         * spin or lock, and do not measure the speed of the car */
-#define MAX_SPEED_FACTOR TSE_R(6)       /* [1] if the pairs ACROSS and ALONG (plausible.c) both disagree,
-                                         * either the speed is wrong, which is in both pairs, or both
-                                         * accelerometers are. (Rate of the speed)/accel_x gives the factor. A
-                                         * factor below this limit is attributed to the speed: km/h in place
-                                         * of m/s gives 3.6. A larger factor is attributed to the
-                                         * accelerometers: accelerations in g give 9.8 */
+                                         * ALONG and IN_BENDS (plausible.c) are used. For IN_BENDS the
+                                         * difference that is expected in the bend is added to this limit. At
+                                         * a larger difference wheels spin or lock, and do not measure the
+                                         * speed of the car */
+#define MAX_SPEED_FACTOR TSE_R(6)       /* [1] max factor (rate of the speed)/accel_x that is attributed to a
+                                         * wrong speed if the pairs ACROSS and ALONG (plausible.c) both
+                                         * disagree. The cause is either the speed, which both pairs use, or
+                                         * both accelerometers. A speed in km/h in place of m/s gives 3.6, and
+                                         * counts as a wrong speed. Accelerations in g give 9.8, and count as
+                                         * wrong accelerometers */
 #define MIN_SPEED_FACTOR TSE_R(0.17)    /* [1] as MAX_SPEED_FACTOR, for factors below 1. A factor above this
                                          * limit is attributed to the speed: a wheel speed in m/s is taken for
                                          * rad/s and multiplied by the wheel radius in m, about 0.3. A smaller
@@ -243,10 +258,10 @@
                                          * of the speed. Noise and road slopes are then at most 3 % of the
                                          * variance */
 #define SCALE_SHOWN_ACROSS TSE_R(20)    /* [(m/s2)^2 s] min time integral of the squared v r (speed times yaw
-                                         * rate) before the scale of the speed is computed. It is ten times
-                                         * min_excitation of the pair ACROSS (plausible.c), because the scale
-                                         * must be more accurate than a pair: its limit is a factor of 1.12
-                                         * (MAX_SCALE), that of a pair 2.5 (MAX_VARIANCE_RATIO) */
+                                         * rate) before the scale of the speed is computed: ten times
+                                         * min_excitation of the pair ACROSS (plausible.c). The scale is
+                                         * judged by a limit of 1.12 (MAX_SCALE) and a pair by 2.5
+                                         * (MAX_VARIANCE_RATIO). The scale therefore needs more data */
 #define SCALE_SHOWN_ALONG TSE_R(10)     /* [(m/s2)^2 s] min time integral of the squared accel_x before the
                                          * scale of the speed is computed: five times min_excitation of the
                                          * pair ALONG, for the same reason as SCALE_SHOWN_ACROSS */
@@ -275,16 +290,17 @@
 #define ACCEL_SD TSE_R(1.75)            /* [1] factor by which the sd of a latency between accel_y and
                                          * yaw_rate is larger than LATE_SD gives, because changes of the bank
                                          * of the road act on accel_y alone */
-#define ACCEL_LATE TSE_R(0.01)          /* [s] max plausible latency of accel_y behind the yaw rate, in
-                                         * addition to the lag of the car itself: softer tyres (SOFTER) and an
-                                         * IMU further back (LEVER) than in the settings. If the settings give
-                                         * a larger 3 accel_delay_sd, this replaces the 0.01 s. A latency
-                                         * beyond the limit is an error in the log: messages on a vehicle bus
-                                         * have different delays of 0 .. 60 ms */
+#define ACCEL_LATE TSE_R(0.01)          /* [s] max plausible latency of accel_y behind the yaw rate, or 3
+                                         * accel_delay_sd (setting) if that is larger. Tyres that are softer
+                                         * (SOFTER) and an IMU further back (LEVER) than in the settings delay
+                                         * accel_y by more, and this lag is added to the limit. A larger
+                                         * latency is an error in the log: messages on a vehicle bus have
+                                         * different delays of 0 .. 60 ms */
 #define SOFTER TSE_R(0.4)               /* [1] max plausible value of (nominal - true)/true for the rear
-                                         * cornering stiffness. Wet roads cause such a difference, and nominal
-                                         * values of a whole vehicle class. Softer rear tyres delay accel_y.
-                                         * The limit of its latency therefore depends on this value */
+                                         * cornering stiffness. Wet roads cause such a difference. Nominal
+                                         * values of a whole vehicle class may also differ so much from those
+                                         * of the car. Softer rear tyres delay accel_y. The limit of the
+                                         * latency of accel_y (ACCEL_LATE) therefore grows with this value */
 #define LEVER TSE_R(0.7)                /* [m] max plausible distance by which the true IMU is further back in
                                          * the car than its position in the settings. The limit of the latency
                                          * of accel_y allows for it, because an IMU further back measures a
@@ -301,11 +317,11 @@
                                          * accel_y, and behind the steering angle. Real cars reach 0.24 s. The
                                          * yaw rate is reported as late only if both this limit and YAW_LATE
                                          * are exceeded */
-#define ROAD_HALVINGS 12                /* [1] in the row in which the log begins or ceases to give grade or
-                                         * bank, gravity is set to a new mean. Its error is then no longer
-                                         * related to the errors of other states. Its covariances with them
-                                         * are therefore halved 12 times, i.e. divided by 4096, after which
-                                         * they are negligible */
+#define ROAD_HALVINGS 12                /* [1] number of times that the covariances of gravity with other
+                                         * states are halved in the row in which the log begins or ceases to
+                                         * give grade or bank. Gravity is then set to a new mean, whose error
+                                         * is not related to the errors of other states. 12 halvings divide
+                                         * the covariances by 4096, after which they are negligible */
 #define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L in the expected yaw rate v d/(L + K v^2);
                                          * L: wheelbase, K: understeer gradient, v: speed, d: steering angle.
                                          * For an oversteering car (K < 0) the divisor would be 0 at the

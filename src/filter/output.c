@@ -22,12 +22,11 @@ static void collect_possible(const tse_kalman *k, possible *e)
   }
 }
 
-/* Return the variance of state i, SI. It includes the variance due to consider
- * parameters, and the variance that arises because it is uncertain which events have
- * happened.
- *   Given:     e       events that may have happened but are not accepted yet
- *   Returned:  *shift  expected shift of the state by these events: sum of probability
- *                      times shift */
+/* Return the variance of state i [square of its SI unit]. It includes the variance due to
+ * consider parameters, and the variance due to events that may or may not have happened.
+ *   Given:     e       these events: possible, but not accepted yet
+ *   Returned:  *shift  [SI unit] expected shift of the state by the events: sum of
+ *                      probability times shift */
 static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
@@ -65,26 +64,29 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Return the mean of state i [SI unit] over the events that may have happened, within the
- * range of the state. A value that is no state in this build (the latency of the steering
- * in TSE_SMALL) is known.
- *   Given:  shift  mean over these events minus the estimate, from compute_variance() */
+/* Return the mean of state i [SI unit]: its estimate plus `shift`, limited to the range
+ * of the state. If TSE_SMALL does not estimate it (latency of the steering), it is a
+ * constant, which is returned without a change.
+ *   Given:  shift  expected shift by possible events, from compute_variance() */
 static tse_real compute_mean(const tse_kalman *k, int i, tse_real shift)
 {
   return i < STATES ? r_clamp(k->x[i] + shift, -state_max[i], state_max[i]) : k->x[i];
 }
 
-/* Report the motion. While the motion is lost its sds grow. They are limited to
+/* Report the motion. While the motion is unknown (tse_filter.lost), its sds grow, up to
  * state_max.
  *
- * Errors of the model increase the variance of v_y. Let r be the yaw rate, lr the
- * distance of the rear axle from the centre of gravity, and s the sideways speed of the
- * rear axle: v_y = lr r - s. s is proportional to the ratio of tyre force to stiffness,
- * whose relative variance is model_sd^2 + mass_var. lr r is given the same relative
- * variance. ASKEW is the sideslip angle of a car that drives straight ahead. Together
- * these errors increase the variance of v_y by
+ * Errors of the model add to the variance of v_y that the filter computes. Let r be the
+ * yaw rate, lr the distance of the rear axle from the centre of gravity, and s the
+ * sideways speed of the rear axle, positive to the right: v_y = lr r - s. There are three
+ * errors:
+ *   - s is proportional to the ratio of tyre force to stiffness, whose relative variance
+ *     is model_sd^2 + mass_var;
+ *   - lr r is assumed to have the same relative variance;
+ *   - a car that drives straight ahead has a sideslip angle with the sd ASKEW.
+ * Together they add to the variance of v_y
  *   (model_sd^2 + mass_var) (s^2 + (lr r)^2) + (ASKEW v_x)^2
- * Measured velocities, if any, give a second variance of v_y. The smaller of both
+ * Measured velocities, if any, give a second variance of v_y. The smaller of the two
  * variances is reported. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
@@ -267,11 +269,12 @@ static int has_other_wheels(const tse_params *p, const tse_kalman *k)
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the estimated lag of the steering is wrong or too large: it differs from
- * the settings by more than 3 sds of its prior, or from 0. The model is linear in the lag
- * (angle - lag x rate of the angle), so a larger lag is wrong while the angle changes,
- * even if the settings have it. The cornering stiffness compensates for a wrong angle,
- * and is therefore wrong. */
+/* Return whether the estimated lag of the steering angle differs by more than 3 prior sds
+ * from the lag in the settings, or from 0. In the first case the estimate contradicts the
+ * settings. In the second case the lag is too large for the model, which is linear in the
+ * lag: (delayed angle) = angle - lag x (rate of the angle). In both cases the delayed
+ * angle is wrong while the angle changes. The cornering stiffness compensates for this
+ * error, and is therefore wrong, too. Return 0 if the prior sd of the lag is 0. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
   const tse_real lag = out->lag_steer, var = r_sqr(p->prior_sd[LATE]), max_var = r_mul(TAIL, var);

@@ -18,9 +18,9 @@
  * of its quantities by as much. This factor is therefore computed from two pairs together
  * (compute_scale()). If the speed v is too large by a factor, two ratios are too large by
  * the same factor: (v r)/accel_y, r being the yaw rate, and (rate of v)/accel_x. Their
- * product is the square of the factor. A latency of both accelerometers increases the
- * first ratio as computed here, and decreases the second, so that it cancels in the
- * product. */
+ * product is the square of the factor. The first ratio is computed as
+ * variance(v r)/covariance, the second as covariance/variance(accel_x). A latency of both
+ * accelerometers decreases both covariances, which cancels in the product. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
@@ -64,11 +64,12 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
 /* Return whether the excitation of a pair is large enough to judge whether the pair
- * disagrees. The excitation is a variance times the averaging time. For ACROSS,
- * TURNING_BY and ALONG it is the larger of the two variances, because a wrong unit may
- * make one of them small. For the other pairs it is that of the first quantity. While a
- * pair disagrees, its averaging time is shorter (ROAD_TIME). The function then uses
- * USUAL_TIME in its place, so that the variance which is needed remains the same.
+ * disagrees. The excitation is the averaging time times a variance. For ACROSS,
+ * TURNING_BY and ALONG it is the larger variance of the two quantities, because a wrong
+ * unit may make the other variance small. For the other pairs it is the variance of the
+ * first quantity. While a pair disagrees, its averaging time is limited to ROAD_TIME.
+ * USUAL_TIME is then used in place of the averaging time: otherwise a larger variance
+ * would be needed.
  *   Given:  first  variance of the first quantity, from compute_explainable()
  *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
@@ -86,10 +87,11 @@ static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
 }
 
-/* Return whether the two quantities of a pair contradict each other: whether their
- * correlation is too weak or has the wrong sign, or their variances are too different.
+/* Return whether the two quantities of a pair disagree: their correlation is too weak,
+ * their covariance is not positive, or their variances are too different. IN_BENDS and
+ * BY_DRIVE disagree only if their covariance has the wrong sign.
  *   Given:  which   index of the pair, ACROSS ...
- *           first   [units of the pair] variance of the first quantity
+ *           first   [unit^2] variance of the first quantity
  *           driven  driven axle: 1 front, 2 rear, 0 both or unknown */
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
@@ -232,13 +234,15 @@ static tse_real compute_softening(const tse_kalman *k)
  * yaw_rate behind the yaw rate that is expected from the steering angle. All quantities
  * are in m/s2: yaw rates are multiplied by the speed v.
  *
- * The lateral motion of the car itself shifts accel_y in time. At the centre of gravity,
- * with nominal rear tyres,
+ * The lateral motion of the car itself also shifts accel_y in time. At the centre of
+ * gravity, with nominal rear tyres,
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
  * where r is the yaw rate, l_f and l_r the distances of the axles from the centre of
- * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass. This part is
- * removed from the sum, so that the latency of the channel remains. The largest lag that
- * softer tyres and a different position of the IMU can cause is added up in a->lags.
+ * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass. At the IMU,
+ * l_r + lever_x takes the place of l_r. The effect of v_y' is removed from a->across, so
+ * that only the latency of the channel remains there. Tyres that are softer and an IMU
+ * that is further back than in the settings delay accel_y by more. a->lags is the largest
+ * plausible lag of this kind, multiplied by the squared jerk and added up.
  *   Given:  was  low-passed values of the previous row */
 static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
@@ -270,13 +274,14 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
  * Return 0 if no channel is late, or if the excitation is too small for a decision.
  *
  * In every car the yaw rate follows the steering angle. If the logged yaw rate leads the
- * steering angle, the steering angle is late. Soft tyres, or an IMU behind the centre of
- * gravity, also delay accel_y. Its limit therefore contains this lag (a->lags).
+ * steering angle, the steering angle is late. Tyres that are softer, or an IMU that is
+ * further back than in the settings delay accel_y. The limit of the latency of accel_y
+ * therefore includes this lag (a->lags).
  *
- * Each latency is stored as its product with an excitation (`square` or `asked`). Its
- * limit is therefore also multiplied by the excitation. The limit includes 3 sds of the
- * latency. An sd is proportional to 1/sqrt(excitation), and the product thus to
- * sqrt(excitation). */
+ * What is compared is (latency x excitation) with (limit x excitation). The excitation is
+ * the time integral of the squared jerk: `square` or `asked`. The limit includes 3 sds of
+ * the latency, which are LATE_SD/sqrt(excitation). Times the excitation this is
+ * LATE_SD sqrt(excitation). */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -335,8 +340,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   }
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
-  /* ALONG disagrees, and one of TURNING_BY and ACROSS disagrees with it. The speed is the
-   * only quantity that ALONG has in common with either of them */
+  /* ALONG disagrees, and so does TURNING_BY, or ACROSS by a factor that a wrong speed can
+   * have. The speed is the only quantity that ALONG shares with TURNING_BY and ACROSS */
   if (along && (turning || is_speed)) {
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;

@@ -48,9 +48,9 @@ static tse_real get_road_mean(const tse_params *p, const tse_kalman *k, int i)
   return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
 }
 
-/* Return the sd by which gravity along (i = 0) or across (i = 1) the road varies about
- * its mean. If the row gives the grade or bank, the sd is at most the sd of the error of
- * a given angle (setting road_sd). */
+/* Return the sd [m/s2] by which gravity along (i = 0) or across (i = 1) the road varies
+ * about its mean: the prior sd in the settings. If the row gives the grade (i = 0) or the
+ * bank (i = 1), the sd is at most p->road_sd = g x (sd of the error of a given angle). */
 static tse_real get_road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];
@@ -90,9 +90,9 @@ static void propagate_gravity(const tse_params *p, tse_kalman *k, int i, tse_rea
   k->x[at] += mean;
 }
 
-/* Add the process noise of a random walk over dt to state i. For a stiffness also add
- * k->moved and reset it to 0: apply_correction() (update.c) adds up the variance of the
- * linearisation errors there. */
+/* Add the process noise of a random walk over dt to state i. If state i is a stiffness,
+ * also add k->moved and reset it to 0. k->moved is the variance of linearisation errors:
+ * each correction of the stiffness increases it (apply_correction() in update.c). */
 static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 {
   const int a = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF : -1;

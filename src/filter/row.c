@@ -7,8 +7,9 @@
  * axle has no torque if the magnitude of its torque is below p->no_torque.
  *
  * If one axle is driven, only the undriven axle can roll freely. It does so if the brake
- * is off and it has no torque. If only the brake switch or only this torque is given, it
- * decides alone. If neither is given, the result is ROLLS_UNKNOWN.
+ * is off and the undriven axle has no torque. If the row gives only the brake switch, or
+ * only the torque of the undriven axle, only this condition is checked. If the row gives
+ * neither, the result is ROLLS_UNKNOWN.
  *
  * If both axles are driven, or if the driven axle is unknown, an axle rolls freely if the
  * brake is not on, this axle has no torque and the other axle has torque. The torques of
@@ -39,8 +40,8 @@ static int is_equal(tse_real front, tse_real rear)
 /* Return whether two wheel speeds [m/s] may be copies of one signal: they are equal, or
  * have the ratio of earlier rows (tse_filter.ratio). Copies may have a constant ratio
  * other than 1. This is so if the logged wheel speeds [rad/s] were computed from one
- * vehicle speed with wheel radii that differ from the settings, for example because they
- * were rounded. */
+ * vehicle speed with wheel radii that differ from the settings, for example with rounded
+ * radii. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
@@ -49,15 +50,15 @@ static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 
 /* Find whether the wheel speeds of both axles are copies of one signal. In a log one copy
  * may lag behind the other by a row, or repeat a value while the other already has a new
- * one. Each new value of the copy that lags or repeats still equals the value of the
- * other axle in this row or in the previous row. The wheel speeds are two signals if both
- * axles have had new values in the last USUAL_TIME that do not equal those of the other
- * axle in this way.
+ * one. A new value therefore counts as a copy if it matches the value of the other axle
+ * in this row or in the previous row (is_same()). The wheel speeds are two signals if
+ * both axles have had new values in the last USUAL_TIME that were no copies.
  *
  * There is also only one speed if the wheel speed of one axle has been missing for
  * USUAL_TIME and no velocity is measured. z->no_second is 1 in both cases.
- *   Updated:  z  one_speed, no_second, equal, same, off. If there is one signal, the rear
- *                axle receives the newer value and the front axle is not used */
+ *   Updated:  z  equal, same, off, one_speed and no_second (see `decoded` in filter.h).
+ *                If there is one signal, the rear axle receives the newer value and the
+ *                front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];

@@ -239,9 +239,9 @@ static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Restart after the steering angle has turned out to be frozen. Until then stiffness,
- * steering offset and ratio have absorbed the error of the angle. Keep the evidence that
- * the angle is frozen. */
+/* Restart after the steering angle has turned out to be frozen. Before this was known,
+ * stiffness, steering offset and steering ratio had absorbed the error of the angle. The
+ * evidence that the angle is frozen is kept. */
 static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -275,9 +275,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);
   const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
-  /* 1: for more than BLIND_ROWS sample times no row before this one had a steering angle.
-   * The car may have turned in this time. If this row has a steering angle again, it
-   * therefore initialises the motion. */
+  /* 1: before this row the steering angle was missing for more than BLIND_ROWS (2.5)
+   * sample times. The car may have turned meanwhile. If this row has a steering angle
+   * again, the motion is therefore initialised in this row. */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);

@@ -9,12 +9,11 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
   p->extras = 0;
 }
 
-/* Multiply an element of D by share^2, but leave it at least MIN_D.
- *   Returned:  factor by which to multiply its column of U. Covariances contain the
- *              product of both, and must be multiplied by share. The factor is therefore
- *              1/share if the element has been multiplied by share^2. If MIN_D limits the
- *              element, the factor is smaller: share times the old element / MIN_D (in
- *              fixed point always 1/share) */
+/* Multiply an element d of D by share^2, but leave it at least MIN_D.
+ *   Returned:  factor for the column u of U that belongs to d. The covariances contain
+ *              the product u d, which must be multiplied by share. The factor is
+ *              therefore share (old d)/(new d), i.e. 1/share unless MIN_D limits the new
+ *              d. In fixed point it is always 1/share */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
@@ -112,12 +111,15 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
 /* Do step j of the rank-one update P + c a a' (Agee & Turner): update element j of D, and
- * column j of W, the rows of the extra states. The caller updates column j of U with the
- * factors share and pull: a -= a_j u, then u += share a, where pull is -a_j.
+ * column j of W, the rows of the extra states. The caller then updates column j of U with
+ * the returned factors: for each element u and the element b of a in the same row, first
+ * b += pull u, then u += share b.
  *   Given:     up  the elements of a are stored times 2^up (fixed point only)
- *   Updated:   a  elements of the extra states, as by the caller: a -= a_j w
- *              c  factor of the rank-one update of the columns before j
- *   Returned:  1; 0 if a_j is 0, so that nothing changes */
+ *   Updated:   a     elements of the extra states, by `pull` and column j of W
+ *              c     factor c for the rest of the update: the columns before j
+ *   Returned:  pull  -a_j
+ *              share  c a_j / (new element j of D)
+ *              1; 0 if a_j is 0, so that nothing changes */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
@@ -185,10 +187,11 @@ typedef struct sums {
   tse_real variance[2 * MOTION];
 } sums;
 
-/* Compute the rows of the motion in the product F U. M has these rows of F, F being the
+/* Compute the rows of the motion (0 .. MOTION - 1) of the product F U, F being the
  * transition matrix.
- *   Updated:   p  columns of U after those of the motion: columns of the product
- *   Returned:  s  columns of the motion of the product, which are not triangular */
+ *   Given:     M  rows of the motion of F
+ *   Updated:   p  columns MOTION .. STATES - 1 of U: now those of F U
+ *   Returned:  s  columns 0 .. MOTION - 1 of F U, which are not triangular */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {
