@@ -1,10 +1,11 @@
-/* model/vehicle.h - the single-track model of the paper, and functions that all programs
- * use that integrate this model over time: particle filter, simulator and replay. Numbers
- * in parentheses, (1) to (4) and (7), are equations of the paper (src/EQUATIONS.md).
+/* model/vehicle.h - the single-track model of the paper, and functions that integrate it
+ * over time. Particle filter, simulator and replay use them. Numbers in parentheses, (1)
+ * to (4) and (7), are equations of the paper (src/EQUATIONS.md).
  *
- * The functions are inline and have no branches, so that the compiler vectorises loops
- * over particles (paper/). Forces are divided by the mass of the car. Axes are those of
- * ISO 8855. Slip is positive if the tyre drives the car forward. */
+ * Functions that are called for each particle are inline and have no branches, so that
+ * the compiler vectorises the loops over particles. Forces are divided by the mass of the
+ * car. Axes are those of ISO 8855. Longitudinal slip is positive if the tyre drives the
+ * car forward. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -24,10 +25,9 @@ typedef struct slips {
   tse_real inv_body;            /* [s/m] reciprocal of the denominator of the slip angles */
 } slips;
 
-/* Compute slips and slip angles, equations (3) and (4). R omega is the wheel speed [m/s],
- * delta the road-wheel angle, and `low` is LOW_SPEED. The denominators contain absolute
- * values, so that the equations hold in reverse as well: forwards and in reverse the
- * force of a tyre opposes the velocity of its contact patch.
+/* Compute slips (3) and slip angles (4). R omega is the wheel speed [m/s], delta the
+ * road-wheel angle [rad], and low = LOW_SPEED = 1 m/s. Because of the absolute values in
+ * the denominators, the force of a tyre opposes its sliding velocity in reverse, too.
  *   s = (R omega - vx)/max(|vx|, |R omega|, low)
  *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
  *   alpha_r = (lr r - vy)/max(|vx|, low) */
@@ -140,14 +140,15 @@ static inline tse_real vehicle_limit(tse_real v, tse_real max)
   return r_abs(inside) < MIN_MOTION ? TSE_R(0) : inside;
 }
 
-/* Return the number of integration steps of a row of dt seconds. It is the same for all
- * particles. Three conditions determine the length of a step:
- *   - At most max_step.
- *   - At most 1/4 of the reciprocal of the fastest rate at which the tyres damp the
- *     motion. This rate is proportional to 1/speed. With a single step for each row the
- *     longitudinal stiffness would be wrong by 3 % at walking pace. Speeds below
- *     hold_speed count as hold_speed, because no stiffness is updated at such speeds.
- *   - At least max_step/8, which limits the computing time. */
+/* Return the number of integration steps for a log row of dt seconds. It is the same for
+ * all particles. The length of a step has three limits. If they contradict each other,
+ * the first in this list applies:
+ *   1. At most max_step.
+ *   2. At least max_step/8, to limit the computing time.
+ *   3. At most 1/(4 rate). The rate is the fastest at which the tyres damp the motion. It
+ *      is proportional to 1/speed. With a single step for each row the longitudinal
+ *      stiffness would be wrong by 3 % at walking pace. Speeds below hold_speed count as
+ *      hold_speed, because no stiffness is updated at such speeds. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(

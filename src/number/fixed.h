@@ -3,10 +3,11 @@
  *
  * Overflow of sums: `+` and `-` are those of C and do not detect overflow. The results of
  * all other operations therefore saturate at FIXED_MOST, a sixteenth of the range of
- * int64_t, so that fifteen results can be added without overflow. The longest sums have
- * 23 terms, one for each state of the filter. Their terms are kept far below FIXED_MOST
- * (MAX_SLOPE in filter/limits.h, state_max in filter/units.c). A saturated result counts
- * as infinite: r_is_finite() returns 0, and the filter restarts.
+ * int64_t, so that fifteen results can be added without overflow. Sums over the states of
+ * the filter have up to 23 terms, which is more. The terms of such sums are kept far
+ * below FIXED_MOST by other limits (MAX_SLOPE in filter/limits.h, state_max in
+ * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
+ * the filter restarts.
  *
  * The code is portable C: a product is computed from four products of 32-bit halves. If
  * the compiler has 128-bit integers, the code uses them instead, which takes less time
@@ -142,7 +143,7 @@ static inline fixed_halves fixed_halves_of(int64_t x)
   return h;
 }
 
-/* Return the product of two numbers of the format, given by their halves: rounded to
+/* Return the product of two fixed-point numbers, given by their halves: rounded to
  * nearest (ties towards +infinity) and saturated. */
 static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
 {
@@ -182,7 +183,7 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return fixed_mul_any(a, b); }
 #endif
 
-/* Return the product of two numbers of the format.
+/* Return the product of two fixed-point numbers.
  *   Given:  a, b  results of functions of this file, or native sums of at most fifteen
  *                 such results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
@@ -229,10 +230,10 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
   return quotient;
 }
 
-/* Return (hi 2^64 + lo)/d rounded down, for hi < d. The quotient has two digits to base
- * 2^32, which are computed as in fixed_divide_word(), with one difference: instead of
- * dividing by d1, the leading digit of d, this function multiplies by the reciprocal of
- * d1 (Moeller & Granlund 2011).
+/* Return (hi 2^64 + lo)/d rounded down, for hi < d. As in fixed_divide_word(), the
+ * quotient has two digits, here to base 2^32. The estimate of a digit is `hi` divided by
+ * d1, the upper 32 bits of d. This division is a multiplication by `over`, a reciprocal
+ * of d1 (Moeller & Granlund 2011).
  *   Returned:  *rest  remainder */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
@@ -277,8 +278,8 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
   return quotient;
 }
 
-/* Return the quotient a/b of two numbers of the format: rounded to nearest (ties away
- * from zero) and saturated. x/0 is +-FIXED_MOST, and 0/0 is 0. */
+/* Return the quotient a/b of two fixed-point numbers: rounded to nearest (ties away from
+ * zero) and saturated. a/0 is FIXED_MOST with the sign of a, and 0/0 is 0. */
 static inline int64_t fixed_div_halves(int64_t a, int64_t b)
 {
   const uint64_t n = fixed_magnitude(a), d = fixed_magnitude(b);
@@ -300,12 +301,13 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
   return s * s > x ? s - 1 : s;
 }
 
-/* Return the square root of a number of the format, rounded to nearest; 0 for x <= 0. In
- * integers the result is the root of n = x 2^FIXED_BITS. Each step doubles the number of
- * known bits of the root: 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The bits
- * that are known before a step become the upper half of the new root. The remainder is n
- * minus the square of this upper half. The lower half is the remainder divided by twice
- * the upper half. If the square of the new root exceeds n, the root is decreased by 1. */
+/* Return the square root of a fixed-point number x, rounded to nearest; 0 for x <= 0. In
+ * units of 2^-FIXED_BITS, the result is the root of the integer x 2^FIXED_BITS. First the
+ * leading zeros of x are shifted out, an even number of them. Then the upper 16, 32 and
+ * 48 bits of the root are computed one after the other (Zimmermann, Karatsuba Square
+ * Root, 1999): the new bits are the remainder, i.e. the number minus the square of the
+ * bits so far, divided by twice the bits so far. If the square of the new root exceeds
+ * the number, the root is decreased by 1. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;

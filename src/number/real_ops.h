@@ -1,14 +1,14 @@
-/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div,
- * r_sqrt, r_exp2 ...
+/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div, r_sqrt,
+ * r_exp2 ...
  *
- * `+ - <` and unary minus are native in every format. Every other
+ * The core uses the C operators + - < and unary minus in every format. Every other
  * operation has a function here.
  *
- * double, float   Only + - * /, sqrt and integer operations are used, so that every IEEE
- *                 machine computes the same bits. Build with -ffp-contract=off and
- *                 without -ffast-math. The code rounds x to an integer by computing
- *                 (x + 1.5*2^52) - 1.5*2^52, which -ffast-math would simplify to x.
- *                 Harmful options that the preprocessor can detect are errors below.
+ * double, float   These functions use only + - * /, sqrt and integer operations, so that
+ *                 every IEEE machine computes the same bits. Build with -ffp-contract=off
+ *                 and without -ffast-math. The code rounds x to an integer by computing
+ *                 (x + c) - c, c = 1.5*2^52 in double. -ffast-math would simplify this to
+ *                 x. Harmful options that the preprocessor can detect are errors below.
  *                 tse_self_test() detects the others. The functions have no branches, so
  *                 that loops over particles vectorise with -O3 -fno-math-errno
  *                 -fno-trapping-math on a machine that has only SSE2.
@@ -16,8 +16,9 @@
  *                 Up to fifteen results can be added with `+` without overflow.
  *                 r_add_sat() adds numbers of any size and saturates.
  *
- * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c;
- * LSB = 2^-32; coefficients: tests/reference/fit_elementary.py):
+ * Guarantees and largest measured errors. Errors are absolute if "relative" is missing.
+ * LSB is 2^-32. tests/unit/number/test_real_ops.c tests the errors, and
+ * tests/reference/fit_elementary.py computes the coefficients of the polynomials.
  *
  *                  double            float             fixed
  *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max,
@@ -78,7 +79,8 @@
 #endif
 
 #if defined(TSE_REAL_STRONG) && !defined(TSE_REAL_PLAIN)
-/* tests/unit/strong_real.hpp includes this file for double and wraps its functions. */
+/* Nothing here: tests/unit/strong_real.hpp defines tse_real as a class that wraps a
+ * double. It includes this file with TSE_REAL_PLAIN for the functions of double. */
 #elif !defined(TSE_REAL_FIXED)
 
 /* ------------------------------------------------------------------- double and float */
@@ -110,7 +112,7 @@ typedef uint32_t real_bits;
 #define REAL_ROOT_HALF 0x00cafb0du      /* added to the bits of a number, it increases the exponent by 1,
                                          * or by 2 if the significand is at least sqrt(2) */
 #define REAL_MOST_INT 2147483520.0f     /* largest float below 2^31 */
-#define REAL_UNIFORM 9                  /* bits of a random word that do not fit into a number */
+#define REAL_UNIFORM 9                  /* low bits of a random word to drop: the rest + 1/2 has 24 bits */
 static inline tse_real r_sqrt(tse_real x) { return sqrtf(x); }
 static inline tse_real evaluate_log2_series(tse_real z)
 {
@@ -214,7 +216,8 @@ static inline int32_t r_floor_to_int(tse_real x)
   return n - (inside < (tse_real)n ? 1 : 0);
 }
 
-/* Return (upper bits of the word + 1/2) 2^-bits: exact, never 0 or 1. */
+/* Return (k + 1/2) 2^-n, where k is the integer in the upper n = 32 - REAL_UNIFORM bits
+ * of the word. The result is exact, and never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
   return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5)
@@ -276,8 +279,8 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
 
-/* Return the angle of (x, y), or NaN if an argument is NaN. |x| +
- * |y| must not overflow. */
+/* Return the angle of the vector (x, y) [rad]. If an argument is NaN, return NaN, except
+ * that r_atan2(NaN, 0) is 0. |x| + |y| must not overflow. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const tse_real ax = r_abs(x), ay = r_abs(y);

@@ -3,7 +3,7 @@
  * number that multiplies all elements of a row is called a factor.
  *
  * double, float: tse_short and factor are the type tse_real, and every function is a
- * simple loop. Sums are computed in the order in which they are written.
+ * simple loop. The terms of a sum are added in the order of their index.
  *
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
  * factor is a mantissa of 31 bits and a shift, computed once for each row (r_factor). The
@@ -11,12 +11,12 @@
  * nearest. Sums of products are exact in 64 bits and rounded once. One of the two rows of
  * such a sum is scaled by a power of two that depends on its largest element (r_row,
  * r_sparse), so that the products use most of the 64 bits. Quotients with the same
- * divisor share the reciprocal of this divisor (r_divisor). Their relative error is at
- * most 2^-29.
+ * divisor share the reciprocal of this divisor (r_divisor). The relative error of such a
+ * quotient is at most 2^-29.
  *
- * The elements of a "scaled" row are stored times a power of two. A factor can contain a
- * power 2^up, which corrects for this scale. In double and float no row is scaled, and
- * `up` is ignored.
+ * The elements of a "scaled" row are multiplied by a power of two before they are stored.
+ * A factor can contain a power 2^up, which corrects for this scale. In double and float
+ * no row is scaled, and `up` is ignored.
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
  *   r_factor(x, up)          the factor x 2^up
@@ -25,7 +25,7 @@
  *   r_short_of(a, x, up)     the same number, computed from a = r_factor(x, up), for
  *                            callers that need this factor anyway
  *   r_by(x, d)               x/d
- *   r_left(x, was, more, d)  x was/d, d = was + more, all >= 0
+ *   r_left(x, was, more, d)  x * was/d, where d = was + more; all arguments >= 0
  *   r_plus_times(y, a, x)    y + a x; x and y are elements of rows, a is a factor */
 #ifndef TSE_VECTOR_H
 #define TSE_VECTOR_H
@@ -35,10 +35,10 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows that one loop multiplies by the same common row, element by element.
- * `rows` is the total number of rows, and is a multiple of the result. On a core without
- * vector instructions, such a loop is faster than one loop for each row, because it loads
- * each element of the common row only once. */
+/* R_TOGETHER(rows) is the number of rows that one loop multiplies by the same common row:
+ * a divisor of `rows`, the number of all such rows. On a core without vector
+ * instructions, this loop is faster than one loop for each row, because it loads each
+ * element of the common row only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -46,10 +46,10 @@
 #endif
 
 #define MAX_ROW 32 /* max number of elements of a row */
-#define ROW_UP 4 /* log2 of the scale of transition rows: their small numbers are stored times 2^ROW_UP */
+#define ROW_UP 4 /* elements of the transition matrix of the motion are stored multiplied by 2^ROW_UP */
 
-/* The nonzero elements of a row: element i of the list is number at[i] of the row, and is
- * stored as m[i]. In fixed-point builds its value is m[i] 2^-(right + FIXED_BITS). */
+/* The `count` nonzero elements of a row: m[i] is the element with index at[i]. In
+ * fixed-point builds the value of this element is m[i] 2^-(right + FIXED_BITS). */
 typedef struct r_sparse {
   tse_short m[MAX_ROW];
   int32_t count, right;
@@ -128,9 +128,9 @@ static inline void r_slope_sums(
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Convert row x for r_sum(), which expects it in its argument `row`. In fixed-point
- * builds the elements become mantissas of 27 digits with a common shift. In double and
- * float they remain unchanged, and the shift is 0.
+/* Convert the row x, and return it as the argument `row` of r_sum(). In fixed-point
+ * builds the elements become mantissas of 27 bits with a common shift. In double and
+ * float the result is x itself, and the shift is 0.
  *   Given:     room    memory for the converted row
  *   Returned:  *right  shift, the argument `right` of r_sum() */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
@@ -205,7 +205,8 @@ typedef struct r_divided {
   int32_t m, right;
 } r_divided;
 
-/* Saturate x to this number of bits. Some cores have an instruction for it. */
+/* Limit x to the range of a signed integer of `bits` bits. Some cores have an instruction
+ * for this. */
 #if defined(__ARM_FEATURE_SAT) && defined(__GNUC__) && !defined(__clang__)
 #define FIXED_WITHIN(x, bits) __ssat(x, bits)
 #else
@@ -299,7 +300,7 @@ static inline r_factored r_factor(tse_real x, int up)
 
 static inline r_divided r_divisor(tse_real d)
 {
-  r_divided over = { INT32_MAX, -FIXED_BITS }; /* for d = 0: 1/(half a step of the format) */
+  r_divided over = { INT32_MAX, -FIXED_BITS }; /* for d <= 0: 2^33 = 1/(half of the smallest number) */
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
   const uint32_t reciprocal = fixed_divide_word(
@@ -324,9 +325,9 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* Compute x was/d as x - x more/d, where d = was + more. The subtracted term is rounded,
- * instead of the result, and is exactly 0 if `more` is 0, so that x does not change then.
- * The quotient more/d has 32 binary digits, and both halves of x are multiplied by it. */
+/* Compute x * was/d as x - x * more/d, where d = was + more. Only the subtracted term is
+ * rounded. It is exactly 0 if `more` is 0, so that x does not change then. The quotient
+ * more/d has 32 binary digits, and both halves of x are multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */

@@ -5,8 +5,8 @@
 #include "paper/paper.h"
 #include "tables/input.h"
 
-#define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias, to prevent overflow */
-#define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sigma^2] 2^24: max variance of a bias, to prevent overflow */
+#define MAX_BIAS TSE_R(2000) /* [sd of the sensor noise] max magnitude of a bias, to prevent overflow */
+#define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sd^2 of the sensor noise] 2^24: max variance of a bias */
 
 /* Predict the biases, equation (18): P += Q dt. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
@@ -15,10 +15,11 @@ void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
     f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MAX_BIAS_VARIANCE);
 }
 
-/* Return the max magnitude of the bias of a channel [sigma]. The error of a sensor cannot
- * exceed the range of its channel. The limit is reached only with unrealistic settings
- * and rows, if the motion of a particle diverges. Without the limit, the bias would then
- * compensate for this motion and reach thousands of m/s2. */
+/* Return the max magnitude of the bias of a channel, in sds of the sensor noise: the
+ * upper end of the channel's range, which no sensor error exceeds, but at most MAX_BIAS.
+ * Without this limit, if the motion of a particle diverged, its bias would compensate for
+ * this motion and reach thousands of m/s2. Motion diverges only if both settings and
+ * inputs are unrealistic. */
 static tse_real find_max_bias(const tse_params *p, int channel)
 {
   const channel_row *const row = &channel_rows[(int)TSE_CHANNEL_accel_x + channel];

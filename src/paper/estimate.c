@@ -2,9 +2,10 @@
  * moments of the particles. */
 #include "paper/paper.h"
 
-/* Return the sum of weight times value. It is computed as TSE_LANES partial sums, which
- * vectorise and have the same order of summation on every machine. There are up to 2^16
- * weights, each at most 1, so that their sum fits every number format. */
+/* Return the sum of weight times value, saturated in fixed point. It is computed as
+ * TSE_LANES partial sums: the compiler vectorises this loop, and the order of summation
+ * is the same on every machine. The sum of the weights alone never saturates: there are
+ * up to 2^16 weights, each at most 1. */
 static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);

@@ -13,7 +13,7 @@
 #define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY ((tse_real)16) /* 16 steps of the format: the root of a smaller pivot has too few digits */
+#define TINY ((tse_real)16) /* [2^-32] the root of a smaller pivot has too few digits */
 #endif
 
 /* Constants of the adaptive forgetting. gamma is the ratio of the variance of the mean
@@ -55,11 +55,13 @@ static inline tse_real bound_draw(const tse_params *p, tse_real w)
   return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
 }
 
-/* Draw w of one particle from the Student-t distribution of equation (25).
- * compute_innovation() gives its quantities:
+/* Draw w of one particle from the Student-t distribution of equation (25):
  *   mean          mu + A d' S^-1 z
  *   scale matrix  (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular,
  *                 q = z' S^-1 z
+ * z is the innovation and S its scale matrix, d the derivative of the measurements with
+ * respect to w, d_y the number of measurements, A the scale matrix of w before this
+ * sample, and nut = nu - 2. compute_innovation() computes the products.
  *   Given:  ta, tb, tc  standard Student-t numbers, which are multiplied by C */
 TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real ta, tse_real tb, tse_real tc, int32_t i,
@@ -174,11 +176,11 @@ static tse_real compute_persistence(
  * Both factors apply to one sample. A row of dt seconds counts as dt/sample_time samples,
  * so that its factors are lambda_mu and lambda to the power dt/sample_time.
  *
- * The variance of the mean of w is gamma times the variance of w about its mean. A larger
- * gamma thus means that the mean forgets faster. lambda_mu differs from lambda, because
- * it decreases while innovations are correlated. Forgetting increases gamma at most to 1
- * or to its initial value, whichever is larger, so that the variance of the mean stays
- * limited. */
+ * Equation (16) adds gamma/(1 + gamma) of the difference w - mu to the mean mu. With a
+ * larger gamma the mean therefore forgets faster. lambda_mu differs from lambda, because
+ * it decreases while innovations are correlated. The variance of the mean is gamma times
+ * the variance of w about the mean. To limit it, forgetting increases gamma at most to 1
+ * or to the initial gamma, whichever is larger. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

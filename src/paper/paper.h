@@ -52,8 +52,8 @@ typedef struct innovation {
   tse_real z1, z2, z3;   /* whitened innovations; 0 if the measurement is missing */
   tse_real d1[2], d2[3]; /* whitened rows of d for accel_x, accel_y */
   tse_real s1, s2, s3;   /* scales of the whitened innovations */
-  tse_real m[3];         /* A d' S^-1 z: shift of the mean of w by y, (25) */
-  tse_real a[6];         /* A - A d' S^-1 d A: scale of w given y, upper triangle */
+  tse_real m[3];         /* A d' S^-1 z: shift of the mean of w by y, (25); A: scale matrix of w before y */
+  tse_real a[6];         /* A - A d' S^-1 d A: scale matrix of w given y, upper triangle */
   tse_real q;            /* z' S^-1 z */
 } innovation;
 
@@ -69,7 +69,7 @@ TSE_INLINE void condition_on_channel(
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* if a saturated sum were below r, the particle would wrongly dominate */
+#if defined(TSE_REAL_FIXED) /* a saturated sum below r would give too large a density and weight */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
@@ -133,7 +133,7 @@ void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* Update the particles with the sample of this row: lines 3 .. 16 of Algorithm 1.
  *   Returned:  now            estimates
- *              log2_evidence  log2 of the density of the sample */
+ *              log2_evidence  log2 of the predicted density of the sample, SI units */
 void paper_update(
     const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
 
@@ -181,7 +181,7 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
 /* Return the effective number of particles, N_eff. */
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
 
-/* Return the sum of the weights. */
+/* Return the sum of the weights. The largest weight is 1. */
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
 
 /* Compute the weighted mean, over all particles, of each of n quantities.
@@ -204,10 +204,11 @@ void paper_resample(const tse_params *p, tse_filter_paper *f);
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 
-/* Reorder the list of ancestors. Particle i will be replaced by particle ancestor[i].
- * After the call ancestor[i] = i for each particle i that occurs in the list, i.e. this
- * particle stays unchanged, and the other elements of the list name such particles.
- *   Given:  copies  memory for n elements */
+/* Reorder the list of ancestors. Particle i will be replaced by particle ancestor[i]. A
+ * survivor is a particle that occurs in the list. After the call each survivor i is its
+ * own ancestor, ancestor[i] = i, and stays unchanged. The ancestors of all other
+ * particles are survivors.
+ *   Given:  copies  memory for intermediate results, n elements */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 
 /* Replace each of n particles by its ancestor. */

@@ -28,7 +28,7 @@ typedef struct observation_gains {
 static inline observation_gains particle_observation_gains(
     const tse_params *p, tse_real use_x, tse_real use_y)
 {
-  observation_gains g; /* use_x, use_y: 1, or 0 if accel_x or accel_y is missing; this sets its row to 0 */
+  observation_gains g; /* use_x, use_y: 0 if accel_x, accel_y is missing, which makes its gains 0; else 1 */
   const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
   g.xf1 = r_mul(p->car.kx_front, ix);
   g.xr1 = r_mul(p->car.kx_rear, ix);

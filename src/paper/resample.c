@@ -106,9 +106,10 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as in choose_residual() */
 }
 
-/* Reorder the list of ancestors, so that ancestor[i] = i for each particle i that occurs
- * in the list: this particle is not overwritten. The other particles are overwritten by
- * copies of such particles. paper_copy_particles() therefore needs no second buffer. */
+/* Reorder the list of ancestors, so that each survivor i, i.e. each particle that occurs
+ * in the list, is its own ancestor: ancestor[i] = i. Survivors are then not overwritten,
+ * and all other particles become copies of survivors. paper_copy_particles() therefore
+ * needs no second buffer. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;

@@ -26,18 +26,20 @@ static tse_real find_max_wheel_speed(const sample *y)
 
 /* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
  * while its force changes: with a constant slip or slip angle, a different velocity with
- * a different stiffness fits the data equally well. Let w be the relative deviation of
- * the stiffness from nominal. The criterion uses its regressor phi: the derivative of a
- * measurement with respect to w, divided by the sd of the sensor. It is an element of the
- * matrix d of (9). In every sample, w differs at random from its mean, with the sd
- * `spread`. Relative to the sensor, the noise variance of a sample is therefore
- * 1 + phi^2 spread^2. If the mean of w is estimated from `memory` samples, its variance is
+ * a different stiffness fits the data equally well.
+ *
+ * Let w be the relative deviation of the stiffness from nominal, and the regressor phi
+ * the derivative of the measured acceleration with respect to w, divided by the sd of the
+ * accelerometer (an element of d of (9)). In every sample, w differs at random from its
+ * mean, with the sd `spread`. The noise variance of a sample, divided by the variance of
+ * the accelerometer, is therefore 1 + phi^2 spread^2. A mean of w that is estimated from
+ * `memory` samples then has the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)).
- * The stiffness counts as excited if this is at most valid_sd^2. Otherwise its estimate
- * is reported as not valid; the estimate itself does not depend on the result. E and var
- * are taken over the last 2 `memory` samples, because after a change the estimated
- * velocity takes longer to settle than the estimated stiffness. Regressors are low-passed
- * first, because noise of a wheel speed looks like slip but does not move the car. */
+ * The stiffness counts as excited if this variance is at most valid_sd^2. Otherwise its
+ * estimate is reported, but as not valid. E and var are taken over the last 2 `memory`
+ * samples, because after a change the estimated velocity takes longer to settle than the
+ * estimated stiffness. Regressors are low-passed first, because noise of a wheel speed
+ * looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {

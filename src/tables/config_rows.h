@@ -10,8 +10,8 @@
 #define EFFECT_OF(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, ...) \
   { TSE_EFFECT_##effect, (strength) > 0 },
 
-/* Values of an ordinary passenger car, the "vehicle class", that tse_prepare() uses for
- * settings that are 0, which means "not set". The source is uncalibrated.toml. */
+/* Typical values of a passenger car (the vehicle class). tse_prepare() uses them in place
+ * of settings that are 0 ("not set"). The table is generated from uncalibrated.toml. */
 // clang-format off: table car_class
 #define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness / load of the axle; the compliance
                                     * of the steering is included */
@@ -19,8 +19,8 @@
 #define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness / load of the axle; both axles have the same value
                                  * because they have the same tyres */
 #define CLASS_MASS 1500.0 /* [kg] mass if it is not set */
-#define CLASS_MASS_SD 0.3 /* [1] relative sd of mass if mass is not set; it is so large that no stiffness
-                           * becomes valid */
+#define CLASS_MASS_SD 0.3 /* [1] relative sd of mass if mass is not set; so large that no estimated
+                           * stiffness is reported as valid */
 // clang-format on: end of table
 
 /* Settings whose values in tse_config_exact() differ from those in
