@@ -1,12 +1,14 @@
-/* filter/update.c - update with the sensors of the row, one after the other, and estimate
- * the noise of each channel. */
+/* filter/update.c - measurement update of the filter with one row of the log: one sensor
+ * after the other, each with its estimated noise variance. */
 #include "filter/filter.h"
 
 /* Add the sum of the corrections of this row to the state x, and limit each state to its
- * range. Earlier measurements were linearised at the old stiffness. If a correction
- * changes a stiffness, these measurements therefore have a linearisation error. Its
- * variance, (OWN_SHARE times the correction)^2, is added up in k->moved for each
- * stiffness. predict_slow_states() adds this sum to the variance of the stiffness. */
+ * range.
+ *
+ * Earlier measurements were linearised at the old stiffness. If a correction changes a
+ * stiffness, these measurements therefore have an error. Its sd is OWN_SHARE (0.5) times
+ * the correction. k->moved is the sum of sd^2 for each stiffness. predict_slow_states()
+ * adds this sum to the variance of the stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -59,13 +61,14 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
 }
 
 /* Return whether the car brakes: whether its longitudinal tyre force is negative. The
- * force follows from the estimated slip, or from accel_x if accel_x contradicts it.
+ * force is computed from the estimated slip. If the latest innovation of accel_x exceeds
+ * 3 sd of its noise, the innovation is added to the force.
  *
- * Reason for accel_x: the estimated slip oscillates with the rotation of the wheels, and
- * with it the computed force. Without accel_x the sign of the force could change twice in
- * each rotation. use_free_rolling() updates the slip only in rows in which the car does
- * not seem to brake. These would mostly be the half rotations in which the estimated slip
- * is too large, and the updates would bias the slip. */
+ * Reason for accel_x: the estimated slip, and with it the force, oscillates with the
+ * rotation of the wheels. Without accel_x the car could seem to brake in one half of each
+ * rotation, in which the estimated slip is too small, and to drive in the other half.
+ * use_free_rolling() updates the slip only while the car does not seem to brake. It would
+ * always use the half with too large a slip, and the estimated slip would have a bias. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -82,14 +85,13 @@ static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return 1 if brake switch and wheel torques show that an axle rolls freely. If they do
- * not determine this, return 1 if the car does not brake. Otherwise return 0.
+/* Return 1 if brake switch and wheel torques show that an axle rolls freely. If they are
+ * not known, return 1 if the car does not brake. Otherwise return 0.
  *
- * The tests of events need the result. While the car brakes, no axle rolls freely, so
- * that no wheel measures the speed of the car. The speed, and with it the slip, then
- * follow from the integral of accel_x only. An error of this integral has the same effect
- * as a change of the tyres. Wheel speeds and accel_x are therefore no evidence for a
- * change of the tyres in such a row. */
+ * If the result is 0, wheel speeds and accel_x are no evidence for a change of the tyres
+ * (events.c). Reason: while the car brakes, no axle rolls freely, and no wheel measures
+ * the speed of the car. Speed and slip then follow only from the integral of accel_x. An
+ * error of this integral looks like a change of the tyres. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
@@ -145,17 +147,19 @@ static void predict_sensors(
   compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
 
-/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), called the
- * excitation. The variance of the model discrepancy is proportional to them. Near
- * saturation the force depends on the form of the tyre curve, which is unknown, so that
- * the discrepancy is larger. Each square is therefore multiplied by the squared ratio of
- * the force of linear tyres to the force, within 1 .. MAX_LINEAR_RATIO.
+/* Update k->activity: the mean squares of a_x, a_y and yaw rate (low pass with the time
+ * constant MODEL_TIME). The variance of the model discrepancy is proportional to them.
+ *
+ * Near saturation the force depends on the form of the tyre curve, which is unknown, so
+ * that the discrepancy is larger. Each square is therefore multiplied by the factor
+ * (force of linear tyres / force of the model)^2. The factor is limited to
+ * 1 .. MAX_LINEAR_RATIO.
  *
  * A constant is added to each mean square, because wind, play and uneven roads cause a
- * discrepancy even without excitation. For a_x and a_y the constant is MIN_ACTIVITY^2
- * plus TAIL times the noise variance of accel_y, which is larger on uneven roads. For the
- * yaw rate the constant is this sum divided by v_x^2, because a yaw rate r corresponds to
- * the lateral acceleration v_x r. */
+ * discrepancy even if the car drives straight at constant speed. For a_x and a_y the
+ * constant is MIN_ACTIVITY^2 plus TAIL times the noise variance of accel_y, which is
+ * larger on uneven roads. For the yaw rate the constant is this sum divided by v_x^2,
+ * because a yaw rate r corresponds to the lateral acceleration v_x r. */
 static void update_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(MIN_ACTIVITY));
@@ -171,10 +175,11 @@ static void update_activity(const tse_params *p, tse_kalman *k, const forces *f,
     k->activity[a] += r_mul(gain, r_mul(r_sqr(excitation[a]), weight) + lowest[a] - k->activity[a]);
 }
 
-/* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. The
- * discrepancy is coloured noise with time constant MODEL_TIME. Its variance is model_sd^2
- * activity. The filter treats it as white noise, whose power density is that of the
- * coloured noise at low frequencies. */
+/* Return the variance that the model discrepancy adds to the noise variance of a channel;
+ * 0 for wheel speeds. The discrepancy is coloured noise with the time constant
+ * T = MODEL_TIME and the variance V = model_sd^2 k->activity (update_activity()). The
+ * filter treats it as white noise with the same power density at low frequencies. The
+ * variance of this white noise is V (1 + 2 T/dt). */
 static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
   if (is_wheel(channel)) return TSE_R(0);
@@ -245,10 +250,10 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
  * which is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
  * process with time constant T = MODEL_TIME:
  *   d' = -d/T + white noise of power density 2 V/T, e = d + white noise
- * V is the variance of d: the sum of the variance due to the state and the variance of
- * the model discrepancy, model_sd^2 activity. The nis is computed from e minus the
+ * The variance V of d is `state` plus the variance of the model discrepancy
+ * (model_sd^2 k->activity; 0 for wheel speeds). The nis is computed from e minus the
  * predicted d.
- *   Given:    state  part of the variance of the innovation that is due to the state
+ *   Given:    state  h' P h, the part of the variance of e that is due to the state
  *   Updated:  k->nis, k->lasting (d), k->lasting_var (variance of the error of d) */
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
@@ -273,10 +278,10 @@ static void use_channel(
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  /* learn_noise() estimates the noise variance as a running mean, over half the squared
-   * differences of successive innovations. `share` is the weight of the newest
-   * difference: in the first USUAL_TIME all samples since the start count alike, later
-   * the mean covers about the last USUAL_TIME. */
+  /* learn_noise() estimates the noise variance: the running mean of (difference of two
+   * successive innovations)^2/2. `share` is the weight of the newest difference: in the
+   * first USUAL_TIME all samples since the start count alike, later the mean covers about
+   * the last USUAL_TIME. */
   const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME));
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;

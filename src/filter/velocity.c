@@ -9,9 +9,10 @@
  *                                              heading' = gyro - bias
  * The extra states are: heading, model discrepancy of the lateral speed, scale error,
  * mounting angle of the INS (turn), latency (late), and longitudinal and lateral position
- * of the sensor (lever). No other state depends on them. In U D U' they therefore come
- * before the other states (ud.h). They are in use from the first measured velocity on.
- * Before that time they need no computing time and do not change the results at all.
+ * of the sensor (lever). They are in use from the first measured velocity on. Before that
+ * time they need no computing time and do not change the results at all. No other state
+ * depends on the extra states. They therefore come first in the covariance U D U', where
+ * they add rows to U and leave the other rows unchanged (ud.h).
  *
  * The motion at the time of the measurement is the present motion plus the stored
  * difference `past`, which is the earlier motion minus the present one. The partial
@@ -32,10 +33,11 @@ enum { KEPT_HEADING = 3, KEPT };
 /* Velocity channels, in the order of src/tables/sensors.toml. */
 enum { INS_X, INS_Y, SPEED, COURSE };
 
-/* Return whether a channel measures the longitudinal speed. An error of such a channel
- * has the same effect on the innovations as an error of the slip. Such a channel is
- * therefore not used while the slip is not estimated, and its latency is not
- * estimated. */
+/* Return whether a channel measures the longitudinal speed. Its innovation cannot tell an
+ * error of the slip from an error of the channel, for example of its latency. The latency
+ * is therefore not estimated from such a channel. With a single wheel speed the slip is
+ * not estimated either, and an error of the slip would change other states. The channel
+ * is then not used. */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
@@ -120,7 +122,8 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
  * with time constant MODEL_TIME. The lateral speed of the rear axle is its slip angle
  * times the speed of the car, and the model computes this slip angle with a relative
  * error. The sd of the process is therefore proportional to the rms lateral speed of the
- * rear axle in the last MODEL_TIME, at least MIN_SIDEWAYS_SPEED.
+ * rear axle in the last MODEL_TIME. In this rms a speed of magnitude below
+ * MIN_SIDEWAYS_SPEED (0.2 m/s) counts as MIN_SIDEWAYS_SPEED.
  *   Given:  left  exp(-dt/MODEL_TIME) */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
@@ -225,14 +228,17 @@ static velocity_reading predict_value(
 
 /* Predict the value of a channel at the time `late` before the row, and compute its
  * innovation. While the speed changes, an error of the slip and a latency have the same
- * effect on a measured longitudinal speed. The latency is therefore not estimated from
- * longitudinal speeds. Its uncertainty is added to their noise instead.
+ * effect on a measured longitudinal speed. Longitudinal speeds therefore do not update
+ * the latency: its element of h is 0, and its prior variance increases the noise variance
+ * instead.
  *   Given:     z   measured value
  *              by  partial derivatives of the rates of change of vx, vy and yaw rate with
  *                  respect to state and consider parameters, SI
  *   Returned:  *m  e      innovation before the corrections of this row
- *                  h      partial derivatives with respect to the state, in its units
- *                  white  variance due to the latency if it is not estimated; else 0 */
+ *                  h      partial derivatives of the predicted value with respect to the
+ *                         state, per state_unit
+ *                  white  noise variance due to the latency, for longitudinal speeds;
+ *                         0 for other channels */
 static void predict_reading(
     const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {

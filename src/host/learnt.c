@@ -5,7 +5,8 @@
 
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
 #define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
-#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min process sd taken from a file: min of initial_spread */
+#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min sample-to-sample sd of a stiffness, relative to nominal,
+                                           * that is loaded. It is the min of the setting initial_spread */
 #define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays invertible */
 #define DAY 86400u                        /* [s] */
 #define PLACES_KEPT 11                    /* number of means in a file: 3 biases, 3 stiffnesses, grip,
@@ -13,7 +14,8 @@
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384                      /* the number 1 in units of 2^-14 */
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */
-#define MAX_NU 1000000u                   /* [samples] max degrees of freedom nu of the process sd */
+#define MAX_NU 1000000u                   /* [1] max degrees of freedom nu: the saved sample-to-sample sd of
+                                           * a stiffness has the weight of nu samples */
 
 /* Content of a file of format 3 (tse/learnt.h), without its frame, in the units of the
  * file. */
@@ -38,11 +40,12 @@ enum {
   K_STIFFNESS = 3,
 };
 
-/* Return the index of state FAST + i among the means of a file. */
+/* Return the index of state FAST + i among the means of a file. FAST is the index of the
+ * first slow state. */
 #if defined(TSE_SMALL)
-/* Four means of a file are no states of this build: the bias of accel_x and cx_front,
- * which increase the index of each later state by 1, and the last two means, latency of
- * the steering and wheel radius. */
+/* A file has four means that this build has no states for. The bias of accel_x (index 0)
+ * and cx_front (index 3) each move the states after them up by 1. The latency of the
+ * steering and the wheel radius come last and move no state. */
 static int get_place(int i) { return i + (FAST + i < LCF ? 1 : 2); }
 #else
 static int get_place(int i) { return i; }
@@ -126,8 +129,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 /* Return whether the magnitude of x is at most `limit`. */
 static int is_within(int32_t x, int32_t limit) { return x >= -limit && x <= limit; }
 
-/* Return the max magnitude, in units of 2^-24, of the mean with index `place` in a file.
- * It is the max magnitude of the state that is saved there. */
+/* Return the max magnitude, in units of 2^-24, of the mean with index `place` in a file:
+ * the max magnitude of the same state in the filter. */
 static int32_t get_max_code(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
@@ -379,11 +382,12 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 #if !defined(TSE_NO_PARTICLES)
 /* Set the prior of the particle filter to the saved state, aged by age_s seconds.
  *
- * The process noise of the stiffnesses has a mean and a covariance Sigma, and the filter
- * estimates both. In each particle the variance of the mean is gamma Sigma, with the same
- * factor gamma for all three stiffnesses. If gamma Sigma is smaller than the aged variance
- * of a mean, this mean is drawn at random for each particle. The variance of the draw is
- * the difference of the two, mu_sd^2.
+ * In this filter the stiffnesses are white noise. The filter estimates their mean and
+ * their covariance Sigma. In each particle the variance of the estimated mean is gamma
+ * Sigma, with the same factor gamma for all three stiffnesses. For some stiffnesses
+ * gamma Sigma is smaller than the aged variance of the saved mean. The means of the
+ * particles are then drawn at random. The variance of the draw, mu_sd^2, is the aged
+ * variance minus gamma Sigma.
  *
  * The road may have changed since the state was saved. Two measures let the particles
  * follow the change. The aged variance of each mean is also added to Sigma. And this

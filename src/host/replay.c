@@ -89,7 +89,7 @@ static int write_value(tse_real *array, int32_t i, tse_real x)
 }
 
 /* Store the outputs of row i.
- *   Given:     z  sensors at the row
+ *   Given:     z  IMU readings at row i without bias, and the state of the model (z.pt)
  *   Returned:  1; 0 if an output is not finite */
 static int write_row(const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out,
     int32_t i, int32_t rows, reading z)
@@ -143,7 +143,7 @@ static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_r
 }
 
 /* Return state and inputs of the model at the first row. The other members of `point` are
- * 0: effects_settle() evaluates them. */
+ * 0 until effects_settle() computes them. */
 static point make_start_point(const tse_replay_start *s, const acting *first)
 {
   const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);

@@ -18,9 +18,9 @@ static const char *fault(void) { return NULL; }
 #define EPSILON TSE_R(2.220446049250313e-16)
 #endif
 
-/* Return the cause of wrong rounding and the option that cures it, or NULL. The numbers
- * are volatile, so that the compiler cannot simplify the tests, for example `x - 1 == 0`
- * to `x == 1`. */
+/* Return NULL if the build rounds correctly. Otherwise return a message: what is rounded
+ * wrongly, and which compiler options to use or to avoid. The numbers are volatile, so
+ * that the compiler cannot simplify the tests, for example `x - 1 == 0` to `x == 1`. */
 static const char *fault(void)
 {
   volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON,

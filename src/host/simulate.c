@@ -70,7 +70,8 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   sim->config = *s;
   memcpy(&sim->params, &params, sizeof params); /* with padding, because tse_sim_check() compares bytes */
   sim->params.seed[0] = (uint32_t)s->seed;
-  /* differs from seed[1] of the filter: with equal seeds, both draw different numbers */
+  /* Not the seed[1] of the filter: if simulator and filter have the same setting `seed`
+   * (seed[0]), they still draw different numbers. */
   sim->params.seed[1] = 0x73696d75u;
   sim->x[0] = r_from_setting(s->speed);
   sim->x[1] = r_from_setting(s->vel_y);
@@ -140,7 +141,7 @@ static tse_real friction_now(const tse_sim *sim)
 }
 
 /* Return the current state and the inputs u of the model. The other members of `point`
- * are 0: effects_at() evaluates them.
+ * are 0 until effects_at() computes them.
  *   Given:  steer  road-wheel angle [rad] */
 static point make_point(const tse_sim *sim, const tse_sim_input *u, tse_real steer)
 {
@@ -234,9 +235,10 @@ static void walk_biases(tse_sim *sim, tse_real dt)
  * hold_inputs is 1, constant.
  *
  * A torque that is held between rows acts half a row later, on average, than a torque
- * that is linear between rows. An estimator assumes that wheel speeds are linear between
- * rows. If it has no model of this delay of the torque, it therefore estimates a
- * longitudinal stiffness that is 2 % too small with hold_inputs. */
+ * that is linear between rows. An estimator that interpolates wheel speeds linearly
+ * between rows does not know this delay: its slips and the accelerations that they cause
+ * do not match in time. With hold_inputs = 1 it therefore estimates a longitudinal
+ * stiffness that is 2 % too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;

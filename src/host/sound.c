@@ -27,10 +27,10 @@ static int is_start_sound(const tse_start *s)
 }
 
 /* Return whether the rows that wait for late channels are sound: all values are in range,
- * and consecutive stored rows are at most max_gap + latency_least apart. Reason for this
- * limit: a row is stored once at least latency_least has passed since the last stored
- * row, and after a time step above max_gap the stored rows are discarded
- * (align_row()). */
+ * and consecutive stored rows are at most latency_least + max_gap apart. Reason for this
+ * limit (align_row()): a row is not stored if it comes less than latency_least after the
+ * last stored row. The next row comes at most max_gap later, because after a longer time
+ * step all stored rows are discarded. */
 static int are_waiting_rows_sound(const tse_params *p, const tse_alignment *m)
 {
   const tse_real max_apart = p->max_gap + p->latency_least;

@@ -179,19 +179,18 @@ static void add_slope(tse_short *row, int j, tse_real more)
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Advance velocities and roll by a substep h. Advance their partial derivatives M by the
+/* Advance velocities and roll by a substep h, and their rows of M (see car_move()) by the
  * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
- * The slip angles in the forces f are those at mid-step, but computed with the velocities
- * at the start of the substep. The velocities change until mid-step, and with them the
- * slip angles and the forces. Here the forces are corrected by this change. Without the
- * correction the error of the scheme would be of first order whenever the relaxation of
- * the slip angles is shorter than a substep.
+ * The forces f are computed from the slip angles at mid-step, and these from the
+ * velocities at the start of the substep. f is therefore corrected here for the change of
+ * the velocities until mid-step. Without the correction the error of the scheme would be
+ * of first order if the relaxation of the slip angles takes less time than a substep.
  *   Given:    f       forces at mid-step, without this correction
- *             follow  [s/m] magnitude of the change of a slip angle within half a
- *                     substep, per lateral speed of the axle: share by which the slip
- *                     angles approach the kinematic slip angles in this time, divided by
- *                     the speed of the car
+ *             follow  [s/m] decrease of a slip angle until mid-step, per increase of the
+ *                     lateral speed of the axle: share/v. `share` (0 .. 1) is the part of
+ *                     the way to the kinematic slip angle that the slip angle covers in
+ *                     half a substep. v is the speed of the car
  *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])

@@ -1,12 +1,13 @@
-/* model/car.h - the model of the car in the default filter, with its partial derivatives.
+/* model/car.h - the model of the car in the default filter (a Kalman filter), with its
+ * partial derivatives.
  *
  * Each axle is one wheel. Kinematics are exact, without small-angle approximations. The
  * slip angle of each axle builds up over the relaxation length. The slip of each axle is
- * a state, so that wheel speeds are measurements. A tyre force is proportional to small
- * slips, and the grip limits it at large slips. The body rolls. The steering angle is the
- * only input. Forces are divided by the mass of the car. Axes are those of ISO 8855. Slip
- * is positive if the tyre drives the car forward. A slip angle is positive if its lateral
- * force points to the left.
+ * a state, so that wheel speeds are measurements. A tyre force is proportional to the
+ * slip if the slip is small, and limited by the grip if it is large. The body rolls. The
+ * steering angle is the only input. Forces are divided by the mass of the car. Axes are
+ * those of ISO 8855. Slip is positive if the tyre drives the car forward. A slip angle is
+ * positive if its lateral force points to the left.
  *
  * The equations follow in the order of car.c. Names are those of the members of tse_car
  * (state.h), and those of the states below in lower case. Other symbols:
@@ -23,8 +24,9 @@
  *   w_f, w_r       [rad/s] wheel speeds; R_f, R_r rolling radii in the settings
  *
  *   Tyre        F = C s c(q), q = |C s|/limit; the same with the slip angle a for s
- *               c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model), interpolated by
- *               `shape` with (1 + q^2 + q^4)^(-1/4)
+ *               shape = 0: c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model)
+ *               shape = 1: c = (1 + q^2 + q^4)^(-1/4)
+ *               between them c is interpolated linearly
  *   Loads       A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)
  *               limit_i = grip e^c_mu end_i (1 -+ height_i A)
  *               end_i = load_i/(1 +- balance)
@@ -55,9 +57,9 @@
  *               accel_y = scale_y (y cos m - x sin m) + b_y
  *               yaw_rate = scale_r r + b_r
  *   Speeds      w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)
- *                         (1 - give height_front a_x)
- *               w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x)
- *               give is RADIUS_LOSS
+ *                         (1 - loss height_front a_x)
+ *               w_r R_r = v_x (1 + s_r)(1 + loss height_rear a_x)
+ *               loss is RADIUS_LOSS in car.c
  *
  * The partial derivatives neglect load transfer, compliance, and the influence of the
  * grip on longitudinal saturation. The model has no combined slip: with combined slip,
@@ -113,7 +115,7 @@
 #define EXTRA_ROWS(ROW) \
   ROW(PSI,           0.02, 10)  /* [rad] heading of the car, from the direction in which gnss_course is 0 */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] true lateral speed minus lateral speed of the model */ \
-  ROW(V_SCALE,       0.01, 0.5) /* [1] relative scale error of the velocities */ \
+  ROW(V_SCALE,       0.01, 0.5) /* [1] scale error: measured/true velocity - 1 */ \
   ROW(V_TURN,        0.01, 1)   /* [rad] angle from the axes of the car to those of the INS */ \
   ROW(V_LATE,        0.02, 0.3) /* [s] latency of the velocities, minus the setting */ \
   ROW(V_LEVER_X,     0.2,  30)  /* [m] position of the velocity sensor, ahead of the centre of gravity */ \
@@ -218,7 +220,7 @@ typedef struct forces {
   tse_real by_x[PLACES], by_y[PLACES], by_yaw[PLACES];
   tse_real sin_d, cos_d;         /* [1] sine and cosine of the road-wheel angle d */
   tse_real steer, rate;          /* [rad] logged steering angle; [rad/s] its rate */
-  tse_real side;                 /* [m/s2] lateral force of the front axle */
+  tse_real side;                 /* [m/s2] lateral force of the front axle, in the axes of its wheels */
   tse_real endless_x, endless_y; /* [m/s2] forces that linear tyres would have */
 } forces;
 

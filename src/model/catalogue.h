@@ -88,10 +88,10 @@ static inline void steering_compliance_slip(point *pt)
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the roll of the body steers the rear wheels into the turn, which adds
- * the angle gain phi to alpha_r. The roll angle phi is `roll` times x, and x is the
- * lateral specific force after a second-order lag (mode_step in laws.h). Typical gain
- * 0.03 .. 0.1. */
+/* rear_roll_steer: the roll of the body steers the rear wheels into the turn. This adds
+ * `gain` times the roll angle to the slip angle alpha_r. The roll angle is `roll` times
+ * x, and x is the lateral specific force after a second-order lag (mode_step in laws.h).
+ * Typical gain 0.03 .. 0.1. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -116,7 +116,7 @@ static inline void relaxation_slip(const tse_real lag[4], point *pt)
   pt->s.a_rear = lag[1];
 }
 
-/* Return the rate v/length of relaxation [1/s], with v as above. */
+/* Return the rate of relaxation v/length [1/s], v = max(|vx|, LOW_SPEED). */
 static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
 {
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
@@ -368,8 +368,8 @@ static inline void imu_scale_ay_sensor(reading *z) { z->y[1] = r_mul(z->pt->p->c
 /* gyro_scale: the reading is yaw_rate (1 + error). Typical 1 .. 3 %. */
 static inline void gyro_scale_sensor(reading *z) { z->y[2] = r_mul(z->pt->p->car.scale_r, z->y[2]); }
 
-/* imu_delay: the IMU reads y(t - time), interpolated linearly between rows. Typical 10
- * .. 30 ms. */
+/* imu_delay: the readings of accelerometers and gyro are delayed by `time`, interpolated
+ * linearly between rows. Typical 10 .. 30 ms. */
 static inline void imu_delay_sensor(reading *z)
 {
   const tse_real time = z->pt->p->effects.imu_delay_time;
