@@ -16,8 +16,8 @@
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build with TSE_NO_PARTICLES lacks the paper's filter, which saves at least 12 kB of
- * flash on a Cortex-M. It refuses settings with form = 1. */
+/* A build with TSE_NO_PARTICLES does not contain the paper's filter. This saves at least
+ * 12 kB of flash on a Cortex-M. tse_config_check() of such a build refuses form = 1. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
@@ -25,12 +25,14 @@
 #endif
 
 /* Settings, in SI units. Fill the struct with tse_config_default(), then set the values
- * of your car, at least the mass. Mass, yaw inertia and stiffness may also be 0, although
- * their ranges do not include 0: this value means "not set". An effect is a property of
- * car, sensors or road that the plain single-track model leaves out. By default the
- * effects that all cars have are on (body_roll_gain, relaxation_length ...), and the
- * strengths of all other effects are 0, which switches them off. Column `filter` of
- * src/tables/effects.toml states which filter uses an effect. */
+ * of your car, at least the mass. The settings mass, yaw_inertia and ..._stiffness_...
+ * may also be 0, although their ranges do not include 0: 0 means "not set".
+ *
+ * Many settings are strengths of effects (src/tables/effects.toml). An effect is a
+ * property of car, sensors or road that the plain single-track model leaves out. It is
+ * off while all its strengths are 0. By default some effects that every car has are on
+ * (body_roll_gain, relaxation_length ...), and all others are off. Column `filter` of
+ * effects.toml states which filters use an effect. */
 typedef struct tse_config {
   // clang-format off: table config_members
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; mass of the car; 0: unknown, and no
@@ -46,22 +48,23 @@ typedef struct tse_config {
   tse_setting wheel_radius_rear;                /* [m] 0.33, 0.05 .. 2; effective rolling radius of the
                                                  * rear wheels */
   tse_setting longitudinal_stiffness_front;     /* [N] 0, 1000 .. 10000000; nominal longitudinal (slip)
-                                                 * stiffness of the front axle; 0: value of an ordinary car
-                                                 * with this axle load */
+                                                 * stiffness of the front axle; 0: typical value for the
+                                                 * static axle load */
   tse_setting longitudinal_stiffness_rear;      /* [N] 0, 1000 .. 10000000; nominal longitudinal (slip)
-                                                 * stiffness of the rear axle; 0: value of an ordinary car
-                                                 * with this axle load */
+                                                 * stiffness of the rear axle; 0: typical value for the
+                                                 * static axle load */
   tse_setting cornering_stiffness_front;        /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
-                                                 * of the front axle; 0: value of an ordinary car with this
-                                                 * axle load */
+                                                 * of the front axle; 0: typical value for the static axle
+                                                 * load */
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
-                                                 * of the rear axle; 0: value of an ordinary car with this
-                                                 * axle load */
+                                                 * of the rear axle; 0: typical value for the static axle
+                                                 * load */
   tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; factor f: the longitudinal stiffness,
                                                  * relative to nominal, is w in front and 1 + f (w - 1) in
                                                  * the rear; no effect in the default filter */
-  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; the yaw inertia
-                                                 * is assumed to change in proportion to the mass */
+  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; an error of the
+                                                 * mass is assumed to change the yaw inertia in the same
+                                                 * ratio */
   tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of the ratio yaw_inertia
                                                  * / mass */
   tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the longitudinal position of the
@@ -72,9 +75,10 @@ typedef struct tse_config {
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
   tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale factor of
-                                                 * accel_y; it includes the error of body_roll_gain,
-                                                 * because body roll adds gravity to accel_y in proportion
-                                                 * to the lateral acceleration */
+                                                 * accel_y, including the effect of an error of
+                                                 * body_roll_gain: body roll adds gravity to accel_y in
+                                                 * proportion to the lateral acceleration, as a scale error
+                                                 * does */
   tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
                                                  * relative to the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
@@ -94,9 +98,9 @@ typedef struct tse_config {
   tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; relative sd of the ratio of the
                                                  * rear to the front wheel radius */
   tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; sd of the discrepancy of an IMU
-                                                 * channel (the part that the model does not explain) /
-                                                 * recent rms of this channel; the correlation time of the
-                                                 * discrepancy is about a second */
+                                                 * channel, i.e. of the part of the signal that the model
+                                                 * does not explain, divided by the recent rms of the
+                                                 * signal; the correlation time of the discrepancy is 1 s */
   tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of the road grade about its
                                                  * mean, the setting grade_angle; the filter estimates the
                                                  * grade as a state, because gravity along the road
@@ -172,10 +176,10 @@ typedef struct tse_config {
   tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle whose |torque| is smaller
                                                  * than this limit counts as rolling freely; recommended:
                                                  * twice the sd of offset and noise of the torque signal */
-  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of a bank or
-                                                 * grade that a row gives; the default is about the
-                                                 * difference between estimates from different laps of one
-                                                 * road */
+  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of the error of bank and
+                                                 * grade, if the log row contains them; the default is
+                                                 * about the difference between bank or grade estimates
+                                                 * from different laps of one road */
   tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass / setting - 1 */
   tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia / setting - 1 */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
@@ -220,14 +224,15 @@ typedef struct tse_config {
                                                  * stiffnesses; a short duration makes the drift a step */
   tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the first row to the
                                                  * beginning of the drift of all stiffnesses */
-  tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k in the factor 1/sqrt(1 + k slip^2)
-                                                 * of the lateral force of an axle, with the longitudinal
-                                                 * slip of this axle */
-  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle / its max
-                                                 * lateral force */
+  tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k: the lateral force of an axle is
+                                                 * multiplied by 1/sqrt(1 + k s^2), where s is the
+                                                 * longitudinal slip of this axle */
+  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction coefficient: load of an axle /
+                                                 * max lateral force of this axle; 0: no saturation */
   tse_setting tyre_saturation_shape;            /* [1] 1, 0 .. 1; 0: brush model with parabolic pressure
-                                                 * distribution, 1: magic-formula tyre, which saturates
-                                                 * later and more abruptly */
+                                                 * distribution; 1: magic-formula tyre, which saturates
+                                                 * later and more abruptly than the brush model; in
+                                                 * between: linear interpolation */
   tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; 1/friction is multiplied by 1 +
                                                  * balance in front and by 1 - balance in the rear;
                                                  * positive: the front axle saturates first */
@@ -237,21 +242,25 @@ typedef struct tse_config {
                                                  * forces */
   tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; the gain k of the load transfer is
                                                    * multiplied by 1 + balance in front and by 1 - balance
-                                                   * in the rear, because the stiffness of a tyre with a
-                                                   * higher load changes less with load */
+                                                   * in the rear; negative if the front axle has the higher
+                                                   * load: its stiffness then changes less with load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k in the cornering
                                                  * stiffness C (1 - k accel_y^2) of both axles */
   tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; the gain k of the load transfer is
                                                  * multiplied by 1 + balance in front and by 1 - balance in
-                                                 * the rear: distribution of the roll moment between the
-                                                 * axles */
+                                                 * the rear; positive if the front axle takes the larger
+                                                 * part of the roll moment */
   tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force / speed squared: 1/2 rho cd A */
   tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force against the motion / weight */
   tse_setting grade_angle;                      /* [rad] 0, -0.35 .. 0.35; grade of the road, positive
-                                                 * uphill; a replay adds the grade of each row */
+                                                 * uphill; if a log row contains a grade, simulator and
+                                                 * replay use the sum of this setting and that grade, and
+                                                 * the filter uses that grade alone */
   tse_setting bank_angle;                       /* [rad] 0, -0.35 .. 0.35; bank of the road, positive if
-                                                 * the left side is higher; a replay adds the bank of each
-                                                 * row */
+                                                 * the left side is higher; if a log row contains a bank,
+                                                 * simulator and replay use the sum of this setting and
+                                                 * that bank, and the filter uses that bank alone, without
+                                                 * bank_superelevation */
   tse_setting bank_superelevation;              /* [1] 0.1, -0.5 .. 0.5; share of the lateral acceleration
                                                  * in a curve (speed times yaw rate) that the bank of the
                                                  * road provides */
@@ -261,8 +270,9 @@ typedef struct tse_config {
   tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; heading of the car at the start,
                                                  * relative to the heading at which the wind is a pure side
                                                  * wind */
-  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force / (wind speed times
-                                                 * air speed) */
+  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; c in the side force c w sqrt(v^2
+                                                 * + w^2) of a pure side wind of speed w on a car of speed
+                                                 * v */
   tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; distance of the centre of pressure in
                                                  * front of the centre of gravity */
   tse_setting conicity_front;                   /* [N] 0, -2000 .. 2000; lateral force of the front axle at
@@ -276,16 +286,17 @@ typedef struct tse_config {
   tse_setting imu_lever_arm_y;                  /* [m] 0, -2 .. 2; position of the IMU to the left of the
                                                  * centre of gravity */
   tse_setting body_roll_gain;                   /* [rad s2/m] 0.006, -0.02 .. 0.04; roll angle / lateral
-                                                 * acceleration */
+                                                 * acceleration; positive: the body leans out of the curve */
   tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
   tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
                                                  * minus body_roll_coupling; the difference is about the
                                                  * height of the IMU above the centre of gravity */
-  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass / mass, times the height
-                                                 * of the centre of gravity of the sprung mass above the
-                                                 * roll axis; this length times the roll acceleration adds
-                                                 * to the lateral acceleration of the car */
+  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; (sprung mass / mass of the car)
+                                                 * times (height of the centre of gravity of the sprung
+                                                 * mass above the roll axis); this length times the roll
+                                                 * acceleration is added to the lateral acceleration of the
+                                                 * car */
   tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle / longitudinal
                                                  * acceleration, positive: the nose rises when the car
                                                  * accelerates */
@@ -303,24 +314,34 @@ typedef struct tse_config {
   tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the value of the user's
                                                  * formula, a term that is added to the vehicle model; 0:
                                                  * no formula */
-  tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; number a of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; number b of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_c;                        /* [1] 0, -1000000 .. 1000000; number c of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_d;                        /* [1] 0, -1000000 .. 1000000; number d of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_e;                        /* [1] 0, -1000000 .. 1000000; number e of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_f;                        /* [1] 0, -1000000 .. 1000000; number f of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_g;                        /* [1] 0, -1000000 .. 1000000; number g of the user's
-                                                 * formula, in the unit that the formula requires */
-  tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; number h of the user's
-                                                 * formula, in the unit that the formula requires */
-  int32_t formula_place;                        /* 0, 0 .. 9; code of the quantity of the vehicle model to
-                                                 * which the value of the user's formula is added */
+  tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; constant a of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; constant b of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_c;                        /* [1] 0, -1000000 .. 1000000; constant c of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_d;                        /* [1] 0, -1000000 .. 1000000; constant d of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_e;                        /* [1] 0, -1000000 .. 1000000; constant e of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_f;                        /* [1] 0, -1000000 .. 1000000; constant f of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_g;                        /* [1] 0, -1000000 .. 1000000; constant g of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; constant h of the user's
+                                                 * formula; its unit is not 1 but the one that the formula
+                                                 * requires */
+  int32_t formula_place;                        /* 0, 0 .. 9; quantity of the vehicle model to which the
+                                                 * value of the user's formula is added, from 0, slip angle
+                                                 * of the front axle, to 9, reading of the gyro ([place] in
+                                                 * src/tables/formula.toml) */
   int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the user's
                                                  * formula, one byte each, operation 1 in the lowest byte */
   int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 of the user's
@@ -348,10 +369,11 @@ typedef struct tse_config {
                                                  * equation (17) of the paper per sample_time; the memory
                                                  * is 1/(1 - lambda) samples; no effect in the default
                                                  * filter */
-  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of the mean
-                                                 * stiffness per sample_time, used for gamma in equation
-                                                 * (17) of the paper; 0: equal to the setting forgetting
-                                                 * (the paper); no effect in the default filter */
+  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor, per sample_time,
+                                                 * of the mean of the stiffness: gamma is divided by this
+                                                 * factor in equation (17) of the paper; 0 .. 0.5: the
+                                                 * setting forgetting is used (the paper); no effect in the
+                                                 * default filter */
   tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean
                                                  * stiffness; while innovations are correlated, for example
                                                  * after a change of the road surface, the forgetting
@@ -366,21 +388,21 @@ typedef struct tse_config {
                                                  * relative to nominal */
   tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; initial rear cornering stiffness,
                                                  * relative to nominal */
-  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness,
-                                                 * relative to nominal: sqrt(gamma Sigma); no effect in the
-                                                 * default filter */
+  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness /
+                                                 * nominal stiffness; sqrt(gamma Sigma) in the symbols of
+                                                 * the paper; no effect in the default filter */
   tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; relative sd of the initial longitudinal
                                                  * stiffness; no effect in the paper's filter */
   tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; relative sd of the initial front
                                                  * cornering stiffness; no effect in the paper's filter */
   tse_setting initial_cy_rear_sd;               /* [1] 0.25, 0 .. 2; relative sd of the initial rear
                                                  * cornering stiffness; no effect in the paper's filter */
-  tse_setting grip;                             /* [1] 1, 0 .. 50; initial friction coefficient of the
-                                                 * tyres, split between the axles by
-                                                 * tyre_saturation_balance; 0: the coefficient is
-                                                 * 1/tyre_saturation_inverse_friction, and if
-                                                 * tyre_saturation_inverse_friction is 0, too, the tyres do
-                                                 * not saturate; no effect in the paper's filter */
+  tse_setting grip;                             /* [1] 1, 0 .. 50; initial friction coefficient mu of the
+                                                 * tyres: mu/(1 + b) in front and mu/(1 - b) in the rear,
+                                                 * where b is tyre_saturation_balance; 0: mu is
+                                                 * 1/tyre_saturation_inverse_friction; if both settings are
+                                                 * 0, the tyres do not saturate; no effect in the paper's
+                                                 * filter */
   tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; relative sd of grip; no effect in the
                                                  * paper's filter */
   tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; initial sample-to-sample sd of a
@@ -391,10 +413,10 @@ typedef struct tse_config {
                                                  * be due to sensor noise; 2: no limit (the paper); no
                                                  * effect in the default filter */
   tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of a random factor of mean
-                                                 * 1; after resampling, Lambda of each particle is
-                                                 * multiplied by such a factor, so that copies of a
-                                                 * particle differ; 0: no factor (the paper); no effect in
-                                                 * the default filter */
+                                                 * 1 by which Lambda, the scale matrix of the stiffness
+                                                 * covariance, of each particle is multiplied after
+                                                 * resampling, so that copies of a particle differ; 0: no
+                                                 * factor (the paper); no effect in the default filter */
   tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu:
                                                  * initial_spread has the weight of this many samples; no
                                                  * effect in the default filter */
@@ -436,10 +458,10 @@ typedef struct tse_config {
   tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; max sd of a valid stiffness,
                                                  * relative to its mean (paper's filter: relative to
                                                  * nominal) */
-  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; relative sd of the change
-                                                 * of a stiffness in 1 s by wear and temperature, which is
-                                                 * a random walk; abrupt changes of road or tyres are
-                                                 * modelled separately; no effect in the paper's filter */
+  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; sd of the relative change
+                                                 * of a stiffness in 1 s by wear and temperature (random
+                                                 * walk); abrupt changes of road or tyres are modelled
+                                                 * separately; no effect in the paper's filter */
   int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM;
                                                  * filter: 0 the default Kalman filter, 1 the paper's
                                                  * particle filter; form 2 of older versions is now
@@ -462,9 +484,11 @@ typedef struct tse_config {
                                                  * stratified, 2 residual, 3 multinomial; no effect in the
                                                  * default filter */
   int32_t integration;                          /* 0, 0 .. 2; integration of equation (7) of the paper
-                                                 * between rows: 0 Euler with held inputs (the paper), 1
-                                                 * second order with linear inputs, 2 second order with a
-                                                 * held steering angle; no effect in the default filter */
+                                                 * between rows: 0 Euler's method with the inputs of the
+                                                 * previous row (the paper), 1 a second-order method with
+                                                 * inputs that change linearly from row to row, 2 as 1, but
+                                                 * with the steering angle of the previous row; no effect
+                                                 * in the default filter */
   int32_t reflect_draws;                        /* 0, 0 .. 1; 1: a stiffness that is drawn below
                                                  * stiffness_min in equation (25) of the paper is reflected
                                                  * at stiffness_min; 0: the stiffness is used as drawn (the

@@ -44,10 +44,10 @@ typedef struct tse_input {
   tse_real brake;              /* [1] 0 .. 1, otherwise missing; 1: the car brakes, 0: it does not; a value
                                 * counts as 1 from 0.5 on; if missing, accel_x decides whether the car
                                 * brakes */
-  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque
-                                * of both front wheels */
-  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque
-                                * of both rear wheels */
+  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque,
+                                * sum of both front wheels */
+  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, otherwise missing; drive torque minus brake torque,
+                                * sum of both rear wheels */
   tse_real bank;               /* [rad] -0.35 .. 0.35, otherwise missing; bank of the road, positive if the
                                 * left side is higher. It includes the superelevation of a curve, and is
                                 * used in place of the settings bank_angle and bank_superelevation */

@@ -1,4 +1,5 @@
-/* tse/output.h - estimates after one row. src/tables/output.toml defines the members. */
+/* tse/output.h - estimates after one row of the log, i.e. one sample of all channels.
+ * src/tables/output.toml defines the members of tse_output. */
 #ifndef TSE_OUTPUT_H
 #define TSE_OUTPUT_H
 
@@ -10,7 +11,8 @@
  * cornering stiffness of the front axle, cornering stiffness of the rear axle. */
 enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
 
-/* Regimes: index of their probability in tse_output.regime. */
+/* Regimes, i.e. situations of road, tyres and sensors that the filter distinguishes. Each
+ * value is the index of the probability of the regime in tse_output.regime. */
 enum {
   // clang-format off: table regimes
   TSE_REGIME_STEADY,    /* none of the other regimes: no channel is faulty, no wheel locks or spins, and
@@ -35,11 +37,12 @@ enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_
  * tse_stiffness_si() converts a stiffness to N and N/rad. */
 typedef struct tse_output {
   // clang-format off: table output_members
-  tse_real stiffness[3];         /* [1] estimated mean stiffness of an axle (both wheels together),
-                                  * relative to its nominal value in the settings, in the order
-                                  * TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. Stiffness is force / slip, or
-                                  * force / kinematic slip angle, in the limit of zero slip, in steady
-                                  * driving and at static wheel load (src/EQUATIONS.md) */
+  tse_real stiffness[3];         /* [1] estimated mean over time of the stiffness of an axle (both wheels
+                                  * together), relative to its nominal value in the settings, in the order
+                                  * TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. Stiffness is longitudinal
+                                  * force / slip, or lateral force / slip angle, in the limit of zero slip,
+                                  * in steady driving and at static wheel load. The slip angle follows from
+                                  * the motion of the car and the logged steering angle (src/EQUATIONS.md) */
   tse_real stiffness_sd[3];      /* [1] sd of the mean stiffness, relative to nominal */
   int32_t reason[3];             /* TSE_VALID: the stiffness is usable; otherwise the reason why it is not
                                   * (tse_reason) */
@@ -89,7 +92,8 @@ typedef struct tse_output {
   tse_real change_age;           /* [s] time since the last change (change_kind); 0 before the first change */
   tse_real change_probability;   /* [1] probability that since the last change (change_kind) no further
                                   * change, sliding or sensor fault has begun; 0 before the first change */
-  tse_real change_ratio[3];      /* [1] ratio of the stiffness now to its value before the last change */
+  tse_real change_ratio[3];      /* [1] stiffness now / stiffness before the last change; 1 before the
+                                  * first change */
   tse_real discrepancy[3];       /* [m/s2 m/s2 rad/s] sd of the model discrepancy, the part of accel_x,
                                   * accel_y, yaw_rate that the model does not explain: setting model_sd
                                   * times the recent rms of the channel */
@@ -113,9 +117,9 @@ typedef struct tse_output {
                                   * a fault (offset, frozen or noisy): 1 + TSE_CHANNEL_... or, for an
                                   * optional channel, 1 + TSE_CHANNELS + TSE_OPTIONAL_...; 0: no such
                                   * channel */
-  int32_t spread_seen[3];        /* 1: stiffness_spread is learnt (paper's filter); 0: default filter,
-                                  * where the spread follows from the setting model_sd, or the stiffness is
-                                  * not valid */
+  int32_t spread_seen[3];        /* 1: stiffness_spread is learnt. 0 in the default filter, where
+                                  * stiffness_spread follows from the setting model_sd, and in the paper's
+                                  * filter while the stiffness is not valid */
   // clang-format on: end of table
 } tse_output;
 

@@ -51,8 +51,9 @@
       "1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing, accel_x decides " \
       "whether the car brakes") \
   ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", \
-      "drive torque minus brake torque of both front wheels") \
-  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive torque minus brake torque of both rear wheels")
+      "drive torque minus brake torque, sum of both front wheels") \
+  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", \
+      "drive torque minus brake torque, sum of both rear wheels")
 #define ROADS(ROW) \
   ROW(bank, 0, -0.35, 0.35, "rad", \
       "bank of the road, positive if the left side is higher. It includes the superelevation of a curve, " \
@@ -101,8 +102,8 @@
       "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
       "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cx_front_spread_seen, spread_seen[0], \
-      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
-      "setting model_sd, or the stiffness is not valid") \
+      "1: the spread is learnt. 0 in the default filter, where the spread follows from the setting " \
+      "model_sd, and in the paper's filter while the stiffness is not valid") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
   STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "mean cornering stiffness of the front axle") \
   STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "standard deviation of cy_front") \
@@ -110,8 +111,8 @@
       "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
       "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cy_front_spread_seen, spread_seen[1], \
-      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
-      "setting model_sd, or the stiffness is not valid") \
+      "1: the spread is learnt. 0 in the default filter, where the spread follows from the setting " \
+      "model_sd, and in the paper's filter while the stiffness is not valid") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
   STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "mean cornering stiffness of the rear axle") \
   STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "standard deviation of cy_rear") \
@@ -119,8 +120,8 @@
       "default filter: setting model_sd times the stiffness; paper's filter: sample-to-sample sd of the " \
       "stiffness, sqrt(Sigma), where Sigma is the covariance of the process noise") \
   FLAG(cy_rear_spread_seen, spread_seen[2], \
-      "1: the spread is learnt (paper's filter); 0: default filter, where the spread follows from the " \
-      "setting model_sd, or the stiffness is not valid") \
+      "1: the spread is learnt. 0 in the default filter, where the spread follows from the setting " \
+      "model_sd, and in the paper's filter while the stiffness is not valid") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
   NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: measured minus true value") \
   NUMBER(bias_accel_x_sd, bias_sd[0], "m/s2", "standard deviation of bias_accel_x") \
@@ -154,11 +155,11 @@
       "kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 the filter " \
       "started over") \
   NUMBER(change_cx_front, change_ratio[0], "1", \
-      "ratio of the longitudinal stiffness now to its value before the last change") \
+      "longitudinal stiffness now / before the last change; 1 before the first change") \
   NUMBER(change_cy_front, change_ratio[1], "1", \
-      "ratio of the front cornering stiffness now to its value before the last change") \
+      "front cornering stiffness now / before the last change; 1 before the first change") \
   NUMBER(change_cy_rear, change_ratio[2], "1", \
-      "ratio of the rear cornering stiffness now to its value before the last change") \
+      "rear cornering stiffness now / before the last change; 1 before the first change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
       "1 + index of the channel that contradicts the other channels or, if there is none, of the channel " \
       "that most probably has a fault; 0: no such channel") \

@@ -6,14 +6,14 @@
 #include "tse/real.h"
 
 // clang-format off: table constants
-#define TAIL TSE_R(9.0)                  /* [1] square of 3 sd, the limit of outlier tests: if an
-                                          * innovation exceeds 3 sd, the gain of its measurement is
-                                          * reduced. Three other numbers are set by TAIL. To the excitation
-                                          * level, the mean squares of a_x and a_y, TAIL times the noise
-                                          * variance of accel_y is added, which road unevenness increases.
-                                          * The sd of the offset of a faulty channel is TAIL^2 times the sd
-                                          * of its sensor. The log odds of driving in reverse are limited
-                                          * to +-TAIL */
+#define TAIL TSE_R(9.0)                  /* [1] max innovation^2 / innovation variance, i.e. 3 sd: the gain
+                                          * of a measurement with a larger innovation is reduced. Other
+                                          * uses: The excitation level (mean squares of a_x and a_y)
+                                          * includes TAIL times the noise variance of accel_y, because
+                                          * uneven roads increase both this variance and the model error.
+                                          * The prior sd of the offset of a faulty channel is TAIL^2 times
+                                          * the noise sd of the channel. The log odds of driving in reverse
+                                          * are limited to +-TAIL */
 #define MODEL_TIME TSE_R(1.0)            /* [s] correlation time of the model discrepancy, i.e. of the
                                           * slowly varying error of predicted accelerations and yaw rate.
                                           * It is also the time constant of two low passes: of the squares
@@ -24,36 +24,35 @@
                                           * mechanical play cause accelerations that the model does not
                                           * describe, even if the driver does nothing */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] min relative sd of a stiffness, because of model errors */
-#define USUAL_MODEL_SD TSE_R(0.08)       /* [1] relative sd of the model error of an ordinary car. It is
-                                          * used four times. In the test for a change of road surface that
-                                          * would raise the stiffness above nominal, its square is added to
-                                          * the prior variance of the stiffness. The longitudinal model has
-                                          * a constant relative error, caused by pitch, rolling radii and
-                                          * tyre curve (10 % rms on four cars): its sd is USUAL_MODEL_SD or
-                                          * the setting model_sd, whichever is larger. A change of road
-                                          * surface or tyres adds an error of sd 2 USUAL_MODEL_SD to the
-                                          * longitudinal stiffness: once this model error for the time
-                                          * before the change, once for the time after. The ratio of the
-                                          * mean square of slow innovations to its predicted value starts
-                                          * at 1 + (model_sd / USUAL_MODEL_SD)^2 */
+#define USUAL_MODEL_SD TSE_R(0.08)       /* [1] relative sd of the error of a stiffness that the model
+                                          * errors of an ordinary car cause. (1) The longitudinal stiffness
+                                          * has a constant error due to pitch, rolling radii and tyre curve
+                                          * (10 % rms on four cars): the filter assumes the sd
+                                          * USUAL_MODEL_SD or model_sd, whichever is larger. (2) A change
+                                          * of road surface or tyres adds an error of sd 2 USUAL_MODEL_SD
+                                          * to the longitudinal stiffness, because the constant error may
+                                          * differ before and after the change. (3) In the test for a road
+                                          * surface with a stiffness above nominal, USUAL_MODEL_SD^2 is
+                                          * added to the prior variance of the stiffness. (4) The mean
+                                          * square of slow innovations / its predicted value starts at 1 +
+                                          * (model_sd / USUAL_MODEL_SD)^2 */
 #define SLIP_SD TSE_R(0.02)              /* [1] sd of the slip that throttle and brake cause at an axle */
 #define SLIP_TIME TSE_R(2.0)             /* [s] correlation time of the slip that throttle and brake cause */
-#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd by which the process noise of a random walk
-                                          * changes a state in 1 s. For states of the motion it is a number
-                                          * of units of the state (src/model/car.h). For slow states, other
-                                          * than biases, it is a share of the sd of their prior */
+#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd of the change of a state in 1 s by the process
+                                          * noise of a random walk, divided by the unit of the state
+                                          * (states of the motion; units in src/model/car.h) or by the
+                                          * prior sd of the state (slow states other than biases) */
 #define BANK_SD TSE_R(0.15)              /* [m/s2] sd of the lateral component of gravity: a bank of 1.5 % */
 #define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of gravity along and across the road
-                                          * (grade and bank). It is also the limit of two times: without a
-                                          * wheel speed for longer, the motion is unknown; and a hypothesis
-                                          * of an event that has not been accepted after this time may be
-                                          * discarded */
-#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of a pseudo-measurement that is made in each row: that
-                                          * the slip of a freely rolling axle equals the slip due to
-                                          * rolling resistance. The actual slip differs from this value by
-                                          * 3e-4 (sd). This sd is multiplied by sqrt(20), because the
-                                          * difference is correlated over time, so that only one row in 20
-                                          * has new information */
+                                          * (grade and bank). It is also a time limit: if no wheel speed is
+                                          * measured for longer than ROAD_TIME, the motion is unknown; an
+                                          * event hypothesis that is older than ROAD_TIME and not accepted
+                                          * may be discarded */
+#define FREE_SLIP_SD TSE_R(0.00134)      /* [1] sd of a pseudo-measurement in each row: slip of a freely
+                                          * rolling axle = slip due to rolling resistance. FREE_SLIP_SD is
+                                          * 3e-4, the sd of the actual difference between these slips,
+                                          * times sqrt(20). The factor is necessary because the difference
+                                          * is correlated over time: only one row in 20 has new information */
 #define RATE_ROAD TSE_R(0.0001)          /* [1/s] prior rate of each of four events: change of road
                                           * surface, return to the previous surface, change of the front
                                           * tyres, change of the rear tyres. Each happens about once in
@@ -61,12 +60,12 @@
 #define RATE_SLIP TSE_R(0.1)             /* [1/s] rate at which the wheels of an axle lock or spin */
 #define RATE_FAULT TSE_R(1e-07)          /* [1/s] rate at which a channel gets an offset, freezes or
                                           * becomes noisy */
-#define CHANGE_SD TSE_R(0.4)             /* [1] prior sd of the change of the logarithms of stiffness and
-                                          * grip at a change of road surface, or of the tyres of an axle.
-                                          * It is also a min amplitude. The amplitude of an event has the
-                                          * prior N(0, 1). A change of road surface or tyres, or wheels
-                                          * that lock or spin, with an amplitude below CHANGE_SD in
-                                          * magnitude count as no event */
+#define CHANGE_SD TSE_R(0.4)             /* [1] prior sd of the relative change of stiffness and grip at a
+                                          * change of road surface, or of the tyres of an axle. The change
+                                          * is CHANGE_SD times an amplitude with the prior N(0, 1). The
+                                          * same number 0.4 is the min amplitude: a change of road surface
+                                          * or tyres, or locking or spinning wheels, counts as no event if
+                                          * the rms of the amplitude, given the data, is below 0.4 */
 #define OWN_SHARE TSE_R(0.5)             /* [1] if the estimate of a stiffness steps, its sd grows by this
                                           * share of the step, because the earlier measurements were
                                           * linearised at the old stiffness */
@@ -77,10 +76,10 @@
                                           * no stiffness is valid */
 #define EVENT_SHARE TSE_R(0.1)           /* [1] share of the variance of the model discrepancy that is
                                           * included in the variance of an innovation in the tests of
-                                          * events. There the rest of the discrepancy is represented by a
-                                          * factor on this variance: the observed mean square of slow
-                                          * innovations (innovations after a low pass), divided by its
-                                          * predicted value, at least 1 */
+                                          * events. For the rest of the discrepancy, these tests multiply
+                                          * the variance of the innovation by a factor: the observed mean
+                                          * square of slow innovations (innovations after a low pass),
+                                          * divided by its predicted value, at least 1 */
 #define USUAL_TIME TSE_R(20.0)           /* [s] averaging time of the noise variance of a channel, and of
                                           * the mean square of its slow innovations (innovations after a
                                           * low pass) */
@@ -112,10 +111,10 @@
                                           * times sqrt(model_sd^2 + mass_sd^2) times the rms lateral speed
                                           * of the rear axle, to which the error of the model is
                                           * proportional */
-#define MAX_NIS TSE_R(6.0)               /* [1] max mean of the normalised innovation squared of a measured
-                                          * velocity, averaged over MODEL_TIME. Above this limit the values
-                                          * of the velocity are rejected. A single value counts as at most
-                                          * MAX_NIS^2 in the mean */
+#define MAX_NIS TSE_R(6.0)               /* [1] max normalised innovation squared (NIS) of a measured
+                                          * velocity, averaged over MODEL_TIME. While the average is above
+                                          * MAX_NIS, values of this velocity are rejected. In the average,
+                                          * the NIS of one value counts as at most MAX_NIS^2 */
 // clang-format on: end of table
 
 #endif

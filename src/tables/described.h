@@ -338,8 +338,9 @@ static const tse_field formula_limits[] = {
   { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "max number of operations of a formula" },
   { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "",
       "max number of values on the stack while a formula is evaluated" },
-  { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "", "max number of operations with memory" },
-  { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "max number of operations `late`" },
+  { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "",
+      "max number of operations of kind MEMORY, whose result also depends on earlier operands" },
+  { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "max number of delays (operation `late`)" },
   // clang-format on: end of table
 };
 

@@ -29,8 +29,9 @@ enum {
 // clang-format off: table formula_limits
 #define TSE_FORMULA_OPS 33       /* max number of operations of a formula */
 #define FORMULA_STACK 8          /* max number of values on the stack while a formula is evaluated */
-#define TSE_FORMULA_MEMORIES 3   /* max number of operations with memory */
-#define FORMULA_LATE 1           /* max number of operations `late` */
+#define TSE_FORMULA_MEMORIES 3   /* max number of operations of kind MEMORY, whose result also depends on
+                                  * earlier operands */
+#define FORMULA_LATE 1           /* max number of delays (operation `late`) */
 #define TSE_FORMULA_NUMBERS 8    /* number of settings formula_a, formula_b ... for the constants of a
                                   * formula */
 // clang-format on: end of table

@@ -65,13 +65,14 @@
   ROW(REAL, stiffness_drift, start, 0.0, 0.0, 0.0, 36000.0, "s", \
       "time from the first row to the beginning of the drift of all stiffnesses", -1, 1, 0.0, 600.0, 0.0) \
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 0.0, 2000.0, "1", \
-      "k in the factor 1/sqrt(1 + k slip^2) of the lateral force of an axle, with the longitudinal slip " \
-      "of this axle", 1, 1, 50.0, 100.0, 10.0) \
+      "k: the lateral force of an axle is multiplied by 1/sqrt(1 + k s^2), where s is the longitudinal " \
+      "slip of this axle", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 0.0, 5.0, "1", \
-      "1/friction: load of an axle / its max lateral force", 1, 1, 0.9, 1.0, 0.2) \
+      "1/friction coefficient: load of an axle / max lateral force of this axle; 0: no saturation", 1, 1, \
+      0.9, 1.0, 0.2) \
   ROW(REAL, tyre_saturation, shape, 1.0, 0.0, 0.0, 1.0, "1", \
-      "0: brush model with parabolic pressure distribution, 1: magic-formula tyre, which saturates later " \
-      "and more abruptly", 0, 1, 0.0, 1.0, 0.0) \
+      "0: brush model with parabolic pressure distribution; 1: magic-formula tyre, which saturates later " \
+      "and more abruptly than the brush model; in between: linear interpolation", 0, 1, 0.0, 1.0, 0.0) \
   ROW(REAL, tyre_saturation, balance, 0.0, 0.0, -0.5, 0.5, "1", \
       "1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear; positive: the " \
       "front axle saturates first", 0, 0, -0.15, 0.15, 0.0) \
@@ -80,22 +81,24 @@
       "ax: acceleration by the longitudinal tyre forces", 1, 1, 0.02, 0.04, 0.004) \
   ROW(REAL, longitudinal_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
       "the gain k of the load transfer is multiplied by 1 + balance in front and by 1 - balance in the " \
-      "rear, because the stiffness of a tyre with a higher load changes less with load", 0, 0, -0.3, 0.3, \
-      0.0) \
+      "rear; negative if the front axle has the higher load: its stiffness then changes less with load", 0, \
+      0, -0.3, 0.3, 0.0) \
   ROW(REAL, lateral_load_transfer, gain, 0.002, 0.0, -0.003, 0.03, "s4/m2", \
       "k in the cornering stiffness C (1 - k accel_y^2) of both axles", 1, 1, 0.002, 0.005, 0.0004) \
   ROW(REAL, lateral_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
       "the gain k of the load transfer is multiplied by 1 + balance in front and by 1 - balance in the " \
-      "rear: distribution of the roll moment between the axles", 0, 0, -0.3, 0.3, 0.0) \
+      "rear; positive if the front axle takes the larger part of the roll moment", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, aero_drag, coefficient, 0.4, 0.0, 0.0, 5.0, "kg/m", "force / speed squared: 1/2 rho cd A", 1, 1, \
       0.35, 0.45, 0.1) \
   ROW(REAL, rolling_resistance, coefficient, 0.01, 0.0, 0.0, 0.2, "1", "force against the motion / weight", \
       1, 1, 0.008, 0.015, 0.003) \
   ROW(REAL, grade, angle, 0.0, 0.0, -0.35, 0.35, "rad", \
-      "grade of the road, positive uphill; a replay adds the grade of each row", 1, 0, 0.01, 0.06, 0.005) \
+      "grade of the road, positive uphill; if a log row contains a grade, simulator and replay use the " \
+      "sum of this setting and that grade, and the filter uses that grade alone", 1, 0, 0.01, 0.06, 0.005) \
   ROW(REAL, bank, angle, 0.0, 0.0, -0.35, 0.35, "rad", \
-      "bank of the road, positive if the left side is higher; a replay adds the bank of each row", 1, 0, \
-      0.015, 0.03, 0.003) \
+      "bank of the road, positive if the left side is higher; if a log row contains a bank, simulator and" \
+      " replay use the sum of this setting and that bank, and the filter uses that bank alone, without " \
+      "bank_superelevation", 1, 0, 0.015, 0.03, 0.003) \
   ROW(REAL, bank, superelevation, 0.1, 0.0, -0.5, 0.5, "1", \
       "share of the lateral acceleration in a curve (speed times yaw rate) that the bank of the road " \
       "provides", 1, 1, 0.05, 0.2, 0.03) \
@@ -106,7 +109,8 @@
       "heading of the car at the start, relative to the heading at which the wind is a pure side wind", -1, \
       0, -3.2, 3.2, 0.0) \
   ROW(REAL, crosswind, coefficient, 2.8, 2.8, 0.1, 30.0, "kg/m", \
-      "side force / (wind speed times air speed)", -1, 1, 2.0, 4.0, 0.0) \
+      "c in the side force c w sqrt(v^2 + w^2) of a pure side wind of speed w on a car of speed v", -1, 1, \
+      2.0, 4.0, 0.0) \
   ROW(REAL, crosswind, arm, 0.45, 0.45, -3.0, 3.0, "m", \
       "distance of the centre of pressure in front of the centre of gravity", 0, 0, 0.3, 0.6, 0.0) \
   ROW(REAL, conicity, front, 0.0, 0.0, -2000.0, 2000.0, "N", \
@@ -119,8 +123,9 @@
       "position of the IMU in front of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
   ROW(REAL, imu_lever_arm, y, 0.0, 0.0, -2.0, 2.0, "m", \
       "position of the IMU to the left of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
-  ROW(REAL, body_roll, gain, 0.006, 0.0, -0.02, 0.04, "rad s2/m", "roll angle / lateral acceleration", 1, 1, \
-      0.0053, 0.0107, 0.0008) \
+  ROW(REAL, body_roll, gain, 0.006, 0.0, -0.02, 0.04, "rad s2/m", \
+      "roll angle / lateral acceleration; positive: the body leans out of the curve", 1, 1, 0.0053, 0.0107, \
+      0.0008) \
   ROW(REAL, body_roll, frequency, 1.6, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll", 0, 1, 1.2, 2.0, \
       0.0) \
   ROW(REAL, body_roll, damping, 0.3, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, 0.0) \
@@ -128,9 +133,9 @@
       "height of the IMU above the roll axis, minus body_roll_coupling; the difference is about the " \
       "height of the IMU above the centre of gravity", 0, 0, 0.0, 0.6, 0.0) \
   ROW(REAL, body_roll, coupling, 0.4, 0.0, -0.5, 1.0, "m", \
-      "sprung mass / mass, times the height of the centre of gravity of the sprung mass above the roll " \
-      "axis; this length times the roll acceleration adds to the lateral acceleration of the car", 0, 1, \
-      0.0, 0.5, 0.0) \
+      "(sprung mass / mass of the car) times (height of the centre of gravity of the sprung mass above " \
+      "the roll axis); this length times the roll acceleration is added to the lateral acceleration of " \
+      "the car", 0, 1, 0.0, 0.5, 0.0) \
   ROW(REAL, pitch_leak, gain, 0.0, 0.0, -0.01, 0.03, "rad s2/m", \
       "pitch angle / longitudinal acceleration, positive: the nose rises when the car accelerates", 1, 1, \
       0.0027, 0.0053, 0.0006) \
@@ -172,24 +177,20 @@
       "effective rolling radius of the rear wheels") \
   REAL("vehicle.longitudinal_stiffness_front", longitudinal_stiffness_front, 0.0, 160000.0, 1000.0, \
       10000000.0, "N", \
-      "nominal longitudinal (slip) stiffness of the front axle; 0: value of an ordinary car with this " \
-      "axle load") \
+      "nominal longitudinal (slip) stiffness of the front axle; 0: typical value for the static axle load") \
   REAL("vehicle.longitudinal_stiffness_rear", longitudinal_stiffness_rear, 0.0, 160000.0, 1000.0, \
       10000000.0, "N", \
-      "nominal longitudinal (slip) stiffness of the rear axle; 0: value of an ordinary car with this axle" \
-      " load") \
+      "nominal longitudinal (slip) stiffness of the rear axle; 0: typical value for the static axle load") \
   REAL("vehicle.cornering_stiffness_front", cornering_stiffness_front, 0.0, 120000.0, 1000.0, 10000000.0, \
-      "N/rad", \
-      "nominal cornering stiffness of the front axle; 0: value of an ordinary car with this axle load") \
+      "N/rad", "nominal cornering stiffness of the front axle; 0: typical value for the static axle load") \
   REAL("vehicle.cornering_stiffness_rear", cornering_stiffness_rear, 0.0, 140000.0, 1000.0, 10000000.0, \
-      "N/rad", \
-      "nominal cornering stiffness of the rear axle; 0: value of an ordinary car with this axle load") \
+      "N/rad", "nominal cornering stiffness of the rear axle; 0: typical value for the static axle load") \
   REAL("vehicle.rear_longitudinal_follows_front", rear_longitudinal_follows_front, 1.0, 1.0, 0.0, 1.0, "1", \
       "factor f: the longitudinal stiffness, relative to nominal, is w in front and 1 + f (w - 1) in the " \
       "rear; no effect in the default filter")
 #define SETTINGS_UNCERTAINTY(REAL, WHOLE) \
   REAL("uncertainty.mass_sd", mass_sd, 0.05, 0.0, 0.0, 0.5, "1", \
-      "relative sd of mass; the yaw inertia is assumed to change in proportion to the mass") \
+      "relative sd of mass; an error of the mass is assumed to change the yaw inertia in the same ratio") \
   REAL("uncertainty.yaw_inertia_sd", yaw_inertia_sd, 0.1, 0.0, 0.0, 0.5, "1", \
       "relative sd of the ratio yaw_inertia / mass") \
   REAL("uncertainty.cg_sd", cg_sd, 0.03, 0.0, 0.0, 1.0, "m", \
@@ -200,8 +201,8 @@
   REAL("uncertainty.steer_offset_sd", steer_offset_sd, 0.006, 0.0, 0.0, 0.1, "rad", \
       "sd of a constant offset of steer_angle") \
   REAL("uncertainty.accel_y_scale_sd", accel_y_scale_sd, 0.03, 0.0, 0.0, 0.5, "1", \
-      "relative sd of the scale factor of accel_y; it includes the error of body_roll_gain, because body " \
-      "roll adds gravity to accel_y in proportion to the lateral acceleration") \
+      "relative sd of the scale factor of accel_y, including the effect of an error of body_roll_gain: " \
+      "body roll adds gravity to accel_y in proportion to the lateral acceleration, as a scale error does") \
   REAL("uncertainty.wheel_delay_sd", wheel_delay_sd, 0.02, 0.0, 0.0, 0.2, "s", \
       "sd of the delay of the wheel speeds relative to the IMU") \
   REAL("uncertainty.accel_delay_sd", accel_delay_sd, 0.003, 0.0, 0.0, 0.2, "s", \
@@ -220,8 +221,8 @@
   REAL("uncertainty.wheel_radius_sd", wheel_radius_sd, 0.005, 0.0, 0.0, 0.2, "1", \
       "relative sd of the ratio of the rear to the front wheel radius") \
   REAL("uncertainty.model_sd", model_sd, 0.12, 0.0, 0.0, 0.5, "1", \
-      "sd of the discrepancy of an IMU channel (the part that the model does not explain) / recent rms of" \
-      " this channel; the correlation time of the discrepancy is about a second") \
+      "sd of the discrepancy of an IMU channel, i.e. of the part of the signal that the model does not " \
+      "explain, divided by the recent rms of the signal; the correlation time of the discrepancy is 1 s") \
   REAL("uncertainty.grade_sd", grade_sd, 0.03, 0.0, 0.0, 0.3, "rad", \
       "sd of the road grade about its mean, the setting grade_angle; the filter estimates the grade as a " \
       "state, because gravity along the road accelerates the car without a contribution to accel_x")
@@ -297,29 +298,30 @@
       " sd of offset and noise of the torque signal")
 #define SETTINGS_ROAD(REAL, WHOLE) \
   REAL("road.road_sd", road_sd, 0.005, 0.005, 0.0, 0.3, "rad", \
-      "sd of the error of a bank or grade that a row gives; the default is about the difference between " \
-      "estimates from different laps of one road")
+      "sd of the error of bank and grade, if the log row contains them; the default is about the " \
+      "difference between bank or grade estimates from different laps of one road")
 #define SETTINGS_FORMULA(REAL, WHOLE) \
   REAL("effects.formula_gain", formula_gain, 0.0, 0.0, -10.0, 10.0, "1", \
       "factor of the value of the user's formula, a term that is added to the vehicle model; 0: no formula") \
   REAL("effects.formula_a", formula_a, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number a of the user's formula, in the unit that the formula requires") \
+      "constant a of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_b", formula_b, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number b of the user's formula, in the unit that the formula requires") \
+      "constant b of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_c", formula_c, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number c of the user's formula, in the unit that the formula requires") \
+      "constant c of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_d", formula_d, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number d of the user's formula, in the unit that the formula requires") \
+      "constant d of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_e", formula_e, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number e of the user's formula, in the unit that the formula requires") \
+      "constant e of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_f", formula_f, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number f of the user's formula, in the unit that the formula requires") \
+      "constant f of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_g", formula_g, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number g of the user's formula, in the unit that the formula requires") \
+      "constant g of the user's formula; its unit is not 1 but the one that the formula requires") \
   REAL("effects.formula_h", formula_h, 0.0, 0.0, -1000000.0, 1000000.0, "1", \
-      "number h of the user's formula, in the unit that the formula requires") \
+      "constant h of the user's formula; its unit is not 1 but the one that the formula requires") \
   WHOLE("effects.formula_place", formula_place, 0, 0, 0, 9, "", \
-      "code of the quantity of the vehicle model to which the value of the user's formula is added") \
+      "quantity of the vehicle model to which the value of the user's formula is added, from 0, slip " \
+      "angle of the front axle, to 9, reading of the gyro ([place] in src/tables/formula.toml)") \
   WHOLE("effects.formula_code_1", formula_code_1, 0, 0, 0, 16777215, "", \
       "operations 1 .. 3 of the user's formula, one byte each, operation 1 in the lowest byte") \
   WHOLE("effects.formula_code_2", formula_code_2, 0, 0, 0, 16777215, "", \
@@ -348,8 +350,9 @@
       "forgetting factor lambda of equation (17) of the paper per sample_time; the memory is 1/(1 - " \
       "lambda) samples; no effect in the default filter") \
   REAL("filter.forgetting_mean", forgetting_mean, 0.0, 0.0, 0.0, 0.9999, "1", \
-      "forgetting factor of the mean stiffness per sample_time, used for gamma in equation (17) of the " \
-      "paper; 0: equal to the setting forgetting (the paper); no effect in the default filter") \
+      "forgetting factor, per sample_time, of the mean of the stiffness: gamma is divided by this factor " \
+      "in equation (17) of the paper; 0 .. 0.5: the setting forgetting is used (the paper); no effect in " \
+      "the default filter") \
   REAL("filter.forgetting_change", forgetting_change, 1.0, 1.0, 0.5, 1.0, "1", \
       "min forgetting factor of the mean stiffness; while innovations are correlated, for example after a" \
       " change of the road surface, the forgetting factor is reduced down to this min; 1: no reduction " \
@@ -364,8 +367,8 @@
   REAL("filter.initial_cy_rear", initial_cy_rear, 1.0, 1.0, 0.2, 4.0, "1", \
       "initial rear cornering stiffness, relative to nominal") \
   REAL("filter.initial_mean_sd", initial_mean_sd, 0.3, 0.3, 0.0, 2.0, "1", \
-      "sd of the initial mean of a stiffness, relative to nominal: sqrt(gamma Sigma); no effect in the " \
-      "default filter") \
+      "sd of the initial mean of a stiffness / nominal stiffness; sqrt(gamma Sigma) in the symbols of the" \
+      " paper; no effect in the default filter") \
   REAL("filter.initial_cx_sd", initial_cx_sd, 0.3, 0.3, 0.0, 2.0, "1", \
       "relative sd of the initial longitudinal stiffness; no effect in the paper's filter") \
   REAL("filter.initial_cy_front_sd", initial_cy_front_sd, 0.25, 0.3, 0.0, 2.0, "1", \
@@ -373,9 +376,9 @@
   REAL("filter.initial_cy_rear_sd", initial_cy_rear_sd, 0.25, 0.3, 0.0, 2.0, "1", \
       "relative sd of the initial rear cornering stiffness; no effect in the paper's filter") \
   REAL("filter.grip", grip, 1.0, 0.0, 0.0, 50.0, "1", \
-      "initial friction coefficient of the tyres, split between the axles by tyre_saturation_balance; 0: " \
-      "the coefficient is 1/tyre_saturation_inverse_friction, and if tyre_saturation_inverse_friction is " \
-      "0, too, the tyres do not saturate; no effect in the paper's filter") \
+      "initial friction coefficient mu of the tyres: mu/(1 + b) in front and mu/(1 - b) in the rear, " \
+      "where b is tyre_saturation_balance; 0: mu is 1/tyre_saturation_inverse_friction; if both settings " \
+      "are 0, the tyres do not saturate; no effect in the paper's filter") \
   REAL("filter.grip_sd", grip_sd, 0.25, 0.0, 0.0, 1.0, "1", \
       "relative sd of grip; no effect in the paper's filter") \
   REAL("filter.initial_spread", initial_spread, 0.07, 0.07, 0.01, 2.0, "1", \
@@ -385,9 +388,9 @@
       "max estimated sample-to-sample sd of a stiffness, relative to nominal; a larger estimate would be " \
       "due to sensor noise; 2: no limit (the paper); no effect in the default filter") \
   REAL("filter.spread_kernel", spread_kernel, 0.0, 0.0, 0.0, 0.5, "1", \
-      "relative sd of a random factor of mean 1; after resampling, Lambda of each particle is multiplied " \
-      "by such a factor, so that copies of a particle differ; 0: no factor (the paper); no effect in the " \
-      "default filter") \
+      "relative sd of a random factor of mean 1 by which Lambda, the scale matrix of the stiffness " \
+      "covariance, of each particle is multiplied after resampling, so that copies of a particle differ; " \
+      "0: no factor (the paper); no effect in the default filter") \
   REAL("filter.initial_dof", initial_dof, 7.0, 7.0, 6.0, 1000.0, "1", \
       "initial degrees of freedom nu: initial_spread has the weight of this many samples; no effect in " \
       "the default filter") \
@@ -427,8 +430,8 @@
   REAL("filter.valid_sd", valid_sd, 0.1, 0.1, 0.01, 1.0, "1", \
       "max sd of a valid stiffness, relative to its mean (paper's filter: relative to nominal)") \
   REAL("filter.steady_walk", steady_walk, 0.0005, 0.0005, 0.0, 0.1, "1/sqrt(s)", \
-      "relative sd of the change of a stiffness in 1 s by wear and temperature, which is a random walk; " \
-      "abrupt changes of road or tyres are modelled separately; no effect in the paper's filter") \
+      "sd of the relative change of a stiffness in 1 s by wear and temperature (random walk); abrupt " \
+      "changes of road or tyres are modelled separately; no effect in the paper's filter") \
   WHOLE("filter.form", form, TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, \
       TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, TSE_FIRST_FORM, TSE_LAST_FORM, \
       "", "filter: 0 the default Kalman filter, 1 the paper's particle filter; form 2 of older versions is " \
@@ -450,9 +453,9 @@
       "method of resampling: 0 systematic, 1 stratified, 2 residual, 3 multinomial; no effect in the " \
       "default filter") \
   WHOLE("filter.integration", integration, 0, 0, 0, 2, "", \
-      "integration of equation (7) of the paper between rows: 0 Euler with held inputs (the paper), 1 " \
-      "second order with linear inputs, 2 second order with a held steering angle; no effect in the " \
-      "default filter") \
+      "integration of equation (7) of the paper between rows: 0 Euler's method with the inputs of the " \
+      "previous row (the paper), 1 a second-order method with inputs that change linearly from row to " \
+      "row, 2 as 1, but with the steering angle of the previous row; no effect in the default filter") \
   WHOLE("filter.reflect_draws", reflect_draws, 0, 0, 0, 1, "", \
       "1: a stiffness that is drawn below stiffness_min in equation (25) of the paper is reflected at " \
       "stiffness_min; 0: the stiffness is used as drawn (the paper); no effect in the default filter") \

@@ -820,7 +820,7 @@ def test_the_header_sets_each_setting_below_its_heading(vehicle_path):
     assert "static inline void tse_config_my_car_2(tse_config *c) {" in lines
     assert text.count("*/") == text.count("/*") and "\\" not in text and "car.toml" in text
     roll = next(k for k, x in enumerate(lines) if "c->body_roll_gain" in x)
-    assert "(tse_setting)0.01;  /* rad s2/m: roll angle / lateral acceleration */" in lines[roll]
+    assert "(tse_setting)0.01;  /* rad s2/m: roll angle / lateral acceleration" in lines[roll]
     heading = [x for x in lines[:roll] if x.startswith("  /*")][-1]
     assert heading == f"  /* effect body_roll: {load_catalogue()['body_roll'].title} */"
     (axle,) = [x for x in lines if "c->driven_axle" in x]
