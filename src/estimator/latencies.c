@@ -1,5 +1,6 @@
 /* estimator/latencies.c - find the time to which a processed row refers. If channels
  * have latencies, it is earlier than the time of the newest row (align.c). */
+#include "estimator/latencies.h"
 #include "estimator/settings.h"
 
 /* Number of rows stored in addition to the rows within the span of the latencies: one

@@ -1,5 +1,6 @@
 /* estimator/prepare.c - compute the constants of a filter (tse_params)
  * from its settings. */
+#include "estimator/latencies.h"
 #include "estimator/settings.h"
 #include "model/car.h"
 #include "model/effects_constant.h"
