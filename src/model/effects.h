@@ -1,12 +1,13 @@
-/* model/effects.h - the plain model of vehicle.h with the effects of
- * src/tables/effects.toml, evaluated for one state and its inputs (a `point`).
+/* model/effects.h - the single-track model of vehicle.h with effects, evaluated at a
+ * `point`, i.e. for one state and one set of inputs. An effect is a property of a car
+ * that the single-track model leaves out, such as body roll (src/tables/effects.toml).
  *
- * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. A hook is
- * a place in this file where such functions are called. The table of effects gives the
- * hook of each effect. A LAG state is a slip or slip angle that follows its kinematic
- * value with a first-order lag. With all effects off, the results equal the results of
- * vehicle.h bit for bit. In a build with TSE_NO_EFFECTS, this file contains only
- * effect_is_on(). */
+ * An effect is implemented by a function <id>_<hook>() of catalogue.h, which changes the
+ * point. A hook is a stage of the evaluation at which such functions are called, for
+ * example SLIP. The table of effects names the hook of each effect. A LAG state is a slip
+ * or slip angle that follows its kinematic value with a first-order lag. With all effects
+ * off, the results equal the results of vehicle.h bit for bit. In a build with
+ * TSE_NO_EFFECTS, this file contains only effect_is_on(). */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -24,13 +25,14 @@ typedef struct given {
   tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] added to force / mass and yaw acceleration */
 } given;
 
-/* Wheels whose speeds v = R omega are states, front and rear:
- *   v' = drive - brake - load Fx/m
- * A brake opposes the rotation. Between -still and still its torque is proportional to v,
- * so that it holds a standing wheel without a discontinuity. */
+/* Wheels whose speeds v = R omega are states, for the front and the rear axle:
+ *   v' = drive - brake clamp(v/still, -1, 1) - load Fx/m
+ * Fx is the longitudinal tyre force of the axle, m the mass of the car. The clamped ratio
+ * gives the brake the sign of v. It is continuous at v = 0, so that the brake holds a
+ * standing wheel. */
 typedef struct wheels {
   int32_t turning;             /* 0: wheel speeds are inputs, and the other members are not used */
-  tse_real load[2];            /* [1] m R^2/J, J inertia of the wheels of an axle */
+  tse_real load[2];            /* [1] m R^2/J, where J is the moment of inertia of both wheels of the axle */
   tse_real drive[2], brake[2]; /* [m/s2] torques times R/J */
   tse_real still[2];           /* [m/s] speed above which the brake has its full torque */
 } wheels;
@@ -48,12 +50,12 @@ typedef struct point {
   const tse_params *p;        /* the car */
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
-  inputs u;                   /* steering angle after the effects of hook INPUT; wheel speeds */
+  inputs u;                   /* [rad] road-wheel angle after hook INPUT; [m/s] wheel speeds R omega */
   tse_real ahead;             /* [s] time of this point minus time of the last update of the memory */
   given g;
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
-  slips s;            /* slips and slip angles; a tyre force is stiffness times slip */
+  slips s;            /* slips and slip angles; the force / mass of a tyre is k (below) times s */
   tse_real target[4]; /* values that the LAG states follow: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states, in the order of target; 0: this slip has no lag */
   stiffness k;
@@ -62,9 +64,9 @@ typedef struct point {
   tse_real sin_steer, cos_steer;
   tse_real fx_front, fx_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
   tse_real fy_front, fy_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
-  accels force;                  /* specific force at the centre of gravity, and yaw acceleration */
+  accels force;                  /* [m/s2] specific force at the centre of gravity; yaw [rad/s2] */
   tse_real free_angle[2];        /* [rad] slip angles before the user's formula and LAG states change them */
-  tse_real gravity_x, gravity_y; /* [m/s2] gravity; it accelerates the car, and the IMU does not measure it */
+  tse_real gravity_x, gravity_y; /* [m/s2] parts of vx', vy' that are not in `force`: gravity, body roll */
 } point;
 
 /* Readings of accelerometers and gyro at a point. dt is the time since the last row. */
@@ -74,10 +76,11 @@ typedef struct reading {
   tse_real dt, y[3];    /* [s]; accel_x, accel_y [m/s2], yaw_rate [rad/s] */
 } reading;
 
-/* Store a new sample in a delay line, and discard the oldest stored sample if the line is
- * full. If the two most recent of the samples stored before are closer in time than 1/9
- * of the delay, the new sample replaces the most recent one instead. The stored samples
- * are thus far enough apart that TSE_DELAY_ROWS of them always span the delay.
+/* Store a new sample in a delay line. If the two newest stored samples are less than 1/9
+ * of the delay apart, the new sample replaces the newest one. Otherwise it is added, and
+ * the oldest one is discarded if the line is full. Of the 11 intervals between the
+ * TSE_DELAY_ROWS samples of a full line, all but the newest thus last at least 1/9 of
+ * the delay, and together span it.
  *   Given:    delay     [s] delay that the stored samples must span
  *             dt        [s] time since the last call
  *             value     new sample of each channel
@@ -102,8 +105,9 @@ static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS
   for (int c = 0; c < channels; c++) was[c][0] = value[c];
 }
 
-/* Return the value `delay` seconds ago, interpolated linearly between the samples v. If
- * no sample is as old as `delay`, return the oldest one. */
+/* Return the value `delay` seconds before the newest sample of a delay line that is not
+ * empty. Interpolate linearly between the samples v, whose ages are d->age. If no sample
+ * is as old as `delay`, return the oldest one. */
 static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
 {
   int i = 1;
@@ -124,9 +128,10 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* The macro EFFECTS_INPUT(INPUT_ON) calls the function of every active effect of hook
- * INPUT, in the order of the table of effects. Each other hook has such a pair of macros,
- * for example EFFECTS_SLIP(SLIP_ON). */
+/* EFFECTS_INPUT(INPUT_ON) calls the functions of the active effects of hook INPUT, in the
+ * order of the table of effects. EFFECTS_INPUT (catalogue.h) lists the effects of the
+ * hook, and INPUT_ON is the call for one effect. The other hooks in this file have the
+ * same two macros, for example EFFECTS_SLIP and SLIP_ON. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))
@@ -149,12 +154,14 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state: limit of speed / relaxation length */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; the rate is speed / relaxation length */
 
 /* Return whether any effect of hook LAG is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
 
-/* Compute the rates of the LAG states from the slips. Updated: pt->rate */
+/* Compute the rates of the LAG states, speed / relaxation length [1/s]. The reciprocals
+ * of the speeds are in pt->s.
+ *   Updated:  pt->rate */
 static inline void effects_lag_rates(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -200,10 +207,12 @@ static inline void effects_stiffness(point *pt)
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
-/* Return the ratio of the force of a brush tyre to that of a linear tyre. It is the same
- * for the longitudinal and the lateral force, because their resultant saturates.
- *   Given:  limit   friction times axle load / mass; 0: no saturation
- *           fx, fy  forces of linear tyres / mass */
+/* Return the ratio of the force of a brush tyre to the force of a linear tyre. Friction
+ * limits the resultant of longitudinal and lateral force, and thus reduces both forces by
+ * the same ratio.
+ *   Given:  limit   [m/s2] friction coefficient times axle load / mass of the car; 0: no
+ *                   friction limit, the ratio is 1
+ *           fx, fy  [m/s2] forces of the linear tyre / mass of the car */
 static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real fy)
 {
   tse_real slope;
@@ -299,14 +308,15 @@ static inline void effects_at(
 /* ---- integrator.c */
 
 /* Evaluate the point, and set the memory to its steady state: slips after relaxation
- * equal the kinematic slips, and outputs of second-order lags equal the acceleration.
+ * equal the kinematic slips, and the output of each second-order lag equals its input,
+ * the longitudinal or lateral specific force at the point.
  *   Updated:  m, pt */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
 /* Integrate the equation of motion (equation (7), src/EQUATIONS.md) with effects over dt,
- * in equal steps. The start is the evaluated point `at`. The inputs change linearly from
- * those of `at` to `to`.
- *   Updated:  m, at  at the end of dt, evaluated */
+ * in `steps` equal steps. The inputs change linearly, from those in `at` to `to`.
+ *   Updated:  m   memory of the effects
+ *             at  evaluated point; in: at the start of dt, out: at the end of dt */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
     int32_t steps, point *at);
 

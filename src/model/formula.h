@@ -1,23 +1,25 @@
 /* model/formula.h - the formula of the user (src/tables/formula.toml): its value at a
  * point of the model, and its memory.
  *
- * The program of the formula is interpreted. With TSE_FORMULA it is compiled instead,
- * from tse_formula.h, which tselab writes. Both ways call the functions below in the same
- * order and give the same bits.
+ * The program of the formula is interpreted. In a build with the macro TSE_FORMULA it is
+ * compiled instead, from the header tse_formula.h, which tselab writes. Both ways call
+ * the functions below in the same order and give the same bits.
  *
- * Operations with memory, for example a lag, store their state at the start of each step.
- * A point is `ahead` seconds later. There the operations compute their result from the
- * stored state, and formula_remember() stores the new state after the step. Like
- * catalogue.h, this file has no #include: effects.h includes it after its
+ * Some operations have a memory, for example a lag. During an integration step the memory
+ * holds the state of these operations at the start of the step. A point is `ahead`
+ * seconds after the start: from the memory and `ahead` the operations compute their
+ * result at the point. After the step, formula_remember() updates the memory.
+ *
+ * Like catalogue.h, this file has no #include: effects.h includes it after its
  * declarations. */
 
-#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; larger values and NaN become 0 */
+#define MAX_FORMULA_VALUE TSE_R(1e6) /* formula_clip() sets larger magnitudes, and NaN, to 0 */
 
 /* State of one evaluation of the formula. */
 typedef struct formula_run {
   const point *pt;
-  tse_effect_memory *next; /* memory to be updated, or NULL */
-  int rest;                /* 1: the operations with memory are set to steady state at this point */
+  tse_effect_memory *next; /* memory to be updated; NULL: update none */
+  int rest;                /* 1: operations with memory give their steady state; 0: they advance from pt->m */
   int used;                /* number of operations with memory that have been evaluated */
 } formula_run;
 
@@ -68,10 +70,13 @@ static inline tse_real formula_soft(tse_real x) { return r_div(x, r_sqrt(TSE_R(1
 
 /* ---- functions with memory
  *
- * Each occurrence of such a function in a formula stores three numbers from step to step,
- * in f->pt->m->formula[f->used]. */
+ * Each occurrence of such a function in a formula keeps three numbers from step to step.
+ * They are read from f->pt->m->formula[i], and stored for the next step in
+ * f->next->formula[i]. i is f->used, the number of the occurrence, counted from 0. */
 
-/* Store the numbers a, b, c for the next step, if f->next is not NULL.   Returned: a */
+/* Store the three numbers a, b, c for the next step, clipped by formula_clip(), unless
+ * f->next is NULL. Add 1 to f->used.
+ *   Returned:  a, not clipped */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
 {
   if (f->next) {
@@ -84,9 +89,9 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
   return a;
 }
 
-/* Return x after a first-order lag: y of T y' = x - y, integrated by the trapezoidal
- * rule. A T below half a step is replaced by half a step, because with a shorter T y
- * would oscillate from step to step. In steady state (f->rest) y is x.
+/* Return x after a first-order lag: y, where dy/dt = (x - y)/T. y is integrated over
+ * h = f->pt->ahead by the trapezoidal rule. T is at least h/2: with a smaller T, y would
+ * oscillate from step to step. In steady state (f->rest is 1) y is x.
  *   Given:  time  T [s] */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {
@@ -101,7 +106,9 @@ static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
   return formula_remembers(f, y, x, TSE_R(0));
 }
 
-/* Return x after a second-order lag (mode_step() in laws.h). */
+/* Return x after a second-order lag (mode_step() in laws.h).
+ *   Given:  frequency  [Hz] natural frequency; negative: 0
+ *           damping    [1] damping ratio; negative: 0 */
 static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequency, tse_real damping)
 {
   const tse_real *const was = f->pt->m->formula[f->used];
@@ -174,7 +181,8 @@ static inline int formula_place_of(const tse_effects *e)
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
 
-/* Replace the operands on the stack, which begin at `at`, by the result x.
+/* Replace the operands of an operation by its result x. The operands are the elements of
+ * the stack s from index `at` to its top.
  *   Returned:  new depth of the stack */
 static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 {

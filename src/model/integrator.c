@@ -3,8 +3,8 @@
  * inputs from the log (replay), or states that follow from torques (simulator). */
 #include "model/effects.h"
 
-/* State vector: vx, vy, r; R omega of both wheels from TURNS on; the four LAG states
- * from LAGS on. */
+/* State vector: vx, vy, r; from index TURNS on the wheel speeds R omega, front and rear;
+ * from index LAGS on the four LAG states (effects.h). */
 enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
 /* Return the brake torque of axle a times R/J [m/s2], as in wheels.brake.
@@ -40,22 +40,24 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* Factors of the matrix 1 - g h J (1: identity matrix) of the integration method ROS2
- * (vehicle.h). gh is g h. J contains only the stiff part of the Jacobian: the block of vx
- * and both wheel speeds, and the block of vy and r. The damping by a saturated tyre is
+/* Factors of the matrix 1 - gh J (1: identity matrix). In the integration method ROS2
+ * (vehicle.h) gh is g h: h is the step, and g the constant ROS2. In the implicit Euler
+ * method gh is h. J contains only the stiff part of the Jacobian: the block of vx and
+ * both wheel speeds, and the block of vy and r. The damping by a saturated tyre is
  * computed with its secant stiffness, which overestimates the damping. This keeps the
- * step stable, and the order of the method does not depend on J.
+ * step stable, and the order of ROS2 does not depend on J.
  *
- * A LAG state a, with a' = rate (alpha - a), is eliminated from the equations: if alpha
- * changes, a changes by the share b = gh rate/(1 + gh rate) of this change. The damping
- * by the tyre is therefore multiplied by b. */
+ * A LAG state a follows a kinematic slip or slip angle alpha: a' = rate (alpha - a). The
+ * state is eliminated from the equations: if alpha changes by d, a changes by b d, with
+ * b = gh rate/(1 + gh rate). The damping by the tyre is therefore multiplied by b. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2];     /* gh times the damping of vx that the tyres of an axle cause */
-  tse_real inv_turn[2]; /* 1/(diagonal element of 1 - gh J for a wheel speed); 0 if it is an input */
+  tse_real pull[2];     /* [1] gh times the decrease of Fx/m per vx, for each axle at constant wheel speed */
+  tse_real inv_turn[2]; /* 1/(diagonal element of 1 - gh J for a wheel speed); 0: wheel speeds are inputs */
   lateral_block side;
-  /* for each LAG state: slow = 1/(1 + gh rate), b as above, force = gh stiffness / mass */
+  /* for each LAG state, in the order of point.target: slow = 1/(1 + gh rate), b as above,
+   * force = gh times stiffness / mass. Without a lag slow and b are 1, force is 0 */
   tse_real slow[4], b[4], force[4];
   int lags; /* 1: there are LAG states */
 } solver;
@@ -91,7 +93,8 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    /* if vx changes, the wheel speed follows; this reduces the damping of vx */
+    /* the wheel speed follows a change of vx, so that the slip changes less and the tyre
+     * damps vx less */
     const tse_real held = TSE_R(1) + r_mul(gh, compute_brake_slope(w, a, v[a], secant));
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
@@ -127,19 +130,21 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
                            : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* with the derivatives of the slips: d alpha/d vy = -1/v, d alpha/d r = -lf/v and lr/v,
-   * d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+  /* k of a LAG state is own[i] plus b[i] times the rate at which k of the motion changes
+   * the kinematic slip. v is the denominator of slip or slip angle: d alpha/d vy = -1/v,
+   * d alpha/d r = -lf/v and lr/v, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* Compute h df/dt, the change of the time derivatives of the LAG states that is due to
- * the change of the inputs from `at` to `to`. As in Rosenbrock methods for equations that
- * depend on time, g times this change is added to the first stage of ROS2 and subtracted
- * from the second one. Without it, a LAG state with a time constant much shorter than the
- * step would overshoot by 1/(2 g). */
+/* Compute ramp[i], the change of the time derivative f of each LAG state within a step h
+ * that is due to the change of the inputs from `at` to `to`: h df/dt. As in Rosenbrock
+ * methods for equations that depend on time, g ramp[i] is added to f in the first stage
+ * of ROS2 and subtracted from f in the second stage. Without this term, a LAG state with
+ * a time constant much shorter than the step would move by 1/(2 g) = 1.7 times the change
+ * of the slip that it follows. */
 static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
@@ -151,8 +156,9 @@ static void compute_input_drift(const point *at, const acting *to, tse_real ramp
   ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-/* Return whether a brake may stop its wheel within the step; always 0 with linear
- * tyres. */
+/* Return whether a brake may stop its wheel within the step h: whether its full torque
+ * alone would remove more than half of the wheel speed. The result is 0 with linear tyres
+ * (friction 0), because their force has no limit and keeps the wheel turning. */
 static int may_lock(const point *at, const wheels *w, tse_real h)
 {
   const tse_real v[2] = { at->u.v_front, at->u.v_rear };
@@ -247,7 +253,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 {
   pt->ahead = TSE_R(0);
   for (int i = 0; i < 3; i++) m->mode[i][0] = m->mode[i][1] = TSE_R(0);
-  for (int pass = 0; pass < 3; pass++) { /* slips, then forces, then the roll that the forces cause */
+  for (int pass = 0; pass < 3; pass++) { /* 0: slips; 1: forces and roll; 2: slips with roll steer */
     effects_at(p, m, m->lag, k, pt);
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);

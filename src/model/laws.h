@@ -1,9 +1,9 @@
-/* model/laws.h - the physical laws of the car. Each law is implemented only here. The
- * model of the default filter (car.c) uses these functions and adds partial derivatives.
- * Simulator, replay and vehicle FMU use a different model: the single-track model of
- * vehicle.h with effects, i.e. properties of a car that this model leaves out, such as
- * tyre saturation and body roll. The effects (catalogue.h) use the same functions. Here
- * "force" means force divided by the mass of the car [m/s2]. */
+/* model/laws.h - physical laws that the two models of the car share. One is the model of
+ * the default filter (car.c), which adds partial derivatives. The other is the
+ * single-track model of vehicle.h with the effects of catalogue.h, for simulator, replay
+ * and vehicle FMU. An effect is a property of a car that the single-track model leaves
+ * out, such as tyre saturation or body roll. In this file "force" means force divided by
+ * the mass of the car [m/s2]. */
 #ifndef TSE_LAWS_H
 #define TSE_LAWS_H
 
@@ -14,10 +14,10 @@
 #define LOW_SPEED TSE_R(1.0) /* [m/s] min speed in the denominator of slip and slip angles. At lower speeds
                               * the force of a tyre is proportional to its contact velocity, like the force
                               * of a damper (after Bernard & Clover, SAE 950311) */
-#define MAX_PULL TSE_R(10)   /* [m/s2] max magnitude of the acceleration from which load transfer is computed.
-                              * That acceleration is the one of linear tyres, whose force has no
-                              * friction limit */
-#define MIN_SHARE_LEFT TSE_R(0.1) /* [1] min share of load or stiffness after load transfer */
+#define MAX_PULL TSE_R(10)   /* [m/s2] max |acceleration| from which load transfer is computed: about the
+                              * friction limit of a car. Linear tyres, whose force has no friction
+                              * limit, can give larger accelerations */
+#define MIN_SHARE_LEFT TSE_R(0.1) /* [1] min ratio of load or stiffness with load transfer to that without */
 #define HALF_TURN TSE_R(3.141592653589793) /* [rad] */
 #define TWO_PI TSE_R(6.283185307179586)
 #define PER_TURN TSE_R(0.15915494309189535) /* 1/(2 pi) */
@@ -103,7 +103,8 @@ typedef struct planar {
 } planar;
 
 /* Return the components of the vector (x, y) in axes that are turned to the left by an
- * angle. Examples are the axes of a steered wheel and of a misaligned IMU. */
+ * angle. Examples are the axes of a steered wheel and of a misaligned IMU.
+ *   Given:  sine, cosine  of the angle */
 static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real cosine)
 {
   /* The second component is written as -(a - b), because gcc 12 computes a sum and a
@@ -118,8 +119,9 @@ static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real c
  * LOW_SPEED. */
 static inline tse_real rolling_speed(tse_real along) { return r_max(r_abs(along), LOW_SPEED); }
 
-/* Return the slip angle of a wheel from its lateral and longitudinal speed in its
- * own axes. */
+/* Return the slip angle [rad] of a wheel, which is positive if the wheel moves to the
+ * right. Its lateral force then points to the left.
+ *   Given:  across, along  [m/s] lateral, longitudinal speed in the axes of the wheel */
 static inline tse_real slip_angle(tse_real across, tse_real along)
 {
   return -r_atan2(across, rolling_speed(along));
@@ -161,9 +163,9 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* Limit an acceleration to +-MAX_PULL. The argument is the acceleration that linear tyres
- * would produce. It can exceed the friction limit, and load transfer is therefore
- * computed from the limited value. */
+/* Limit the acceleration that linear tyres would cause to +-MAX_PULL, for the computation
+ * of load transfer. Linear tyres have no friction limit: without the limit +-MAX_PULL the
+ * load transfer would become too large. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
 /* Return a^2, the square of the lateral acceleration. Load transfer reduces the stiffness
@@ -211,13 +213,14 @@ static inline tse_real gravity_along(tse_real angle)
   return r_mul(GRAVITY, sine);
 }
 
-/* Return the part of the reading accel_x that is due to pitch. It has two terms. The
- * pitched IMU measures a component of gravity, which is proportional to the pitch angle.
- * The IMU lies above the pitch axis and therefore also measures minus the tangential
- * acceleration of its rotation about this axis. The pitch angle follows the longitudinal
- * acceleration with a second-order lag and is represented by the output of this lag.
- *   Given:  pitch[2]  output of the lag [m/s2], and its rate [m/s3]
- *           ax        [m/s2] longitudinal acceleration, the input of the lag */
+/* Return the part of the reading accel_x that is due to pitch [m/s2]:
+ *   pitch_leak p - pitch_height p''
+ * p is the longitudinal acceleration ax after a second-order lag (mode_step()). The pitch
+ * angle, positive if the nose rises, is proportional to p. The first term is gravity
+ * along the x axis of the pitched IMU. The second term is the tangential acceleration of
+ * the IMU, which lies above the pitch axis.
+ *   Given:  pitch[2]  p [m/s2] and its rate p' [m/s3]
+ *           ax        [m/s2] */
 static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
 {
   const tse_real swing = compute_mode_swing(

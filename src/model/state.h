@@ -21,7 +21,7 @@
 #include "tse/simulate.h"
 #endif
 
-#define TSE_DELAY_ROWS 12 /* max samples of a delay line; for delays above 9 rows, some rows are not stored */
+#define TSE_DELAY_ROWS 12 /* max number of samples in a delay line, see effects_delay_put() */
 
 /* Ages of the samples of a delay line, newest first. */
 typedef struct tse_delay {
@@ -32,11 +32,11 @@ typedef struct tse_delay {
 /* Memory of the effects (properties of a car that the single-track model leaves out): the
  * numbers that the effects keep from step to step. */
 typedef struct tse_effect_memory {
-  int32_t settled; /* 0: at the next row the effects start in steady state */
+  int32_t settled; /* 0: the next row sets the effects to steady state (effects_settle()) */
 #if !defined(TSE_NO_EFFECTS)
   tse_real lag[4];        /* slips after relaxation: slip angles front, rear [rad]; slips front, rear [1] */
   tse_real mode[3][2];    /* second-order lags of roll, pitch, roll steer: output [m/s2], its rate */
-  tse_real time, heading; /* [s] time since the start; [turns] change of heading since the start */
+  tse_real time, heading; /* since the start: [s] time; [turns] change of heading to the left, modulo 1 */
   int32_t steered;        /* 0: there has been no row with a steering angle */
   tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after the first lag, after both */
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
@@ -65,7 +65,9 @@ typedef struct tse_effect_memory {
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
   tse_real mu[3][TSE_STRIDE];   /* [1] mean of (stiffness/nominal - 1) */
-  tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33 */
+  tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33. The covariance
+                                 * of w has the inverse Wishart distribution of scale matrix Lambda and
+                                 * nu degrees of freedom */
   tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the bias of accel_x, accel_y, yaw_rate, divided
                                  * by the noise sd of the sensor */
   tse_real w[3][TSE_STRIDE];    /* [1] stiffness/nominal - 1, drawn for the time to the next row */
@@ -79,15 +81,15 @@ typedef struct tse_particles {
  *   TSE_SLOW           number of slow states, which are the last elements of the state:
  *                      gravity components, and states that are random walks
  *   TSE_SUBSTEPS       max number of integration steps within a row
- *   TSE_UNCERTAIN_ALL  number of quantities that may be consider parameters: uncertain
- *                      parameters that are not estimated (Schmidt-Kalman filter)
- *   TSE_CONSIDERED     number of consider parameters of this build
+ *   TSE_UNCERTAIN_ALL  number of consider parameters, i.e. uncertain parameters that are
+ *                      not estimated (Schmidt-Kalman filter)
+ *   TSE_CONSIDERED     number of consider parameters whose influence this build computes
  *   TSE_VALUES         length of the arrays of prior and state. With TSE_SMALL some
- *                      quantities are constants instead of states. These arrays have
- *                      places for them after the states, so that the model reads both
- *                      from the same array
- *   TSE_KEPT           number of states in a saved learnt state: biases, stiffness, grip,
- *                      steering, radius
+ *                      states of the full build are constants. The arrays hold these
+ *                      constants after the states and the consider parameters (KNOWN in
+ *                      car.h): the model reads states and constants from one array
+ *   TSE_KEPT           number of states that tse_learnt_save() saves: biases, stiffness,
+ *                      grip, steering, radius
  *   TSE_EVENTS         max number of hypothetical events that are tracked at a time
  *                      (src/filter/events.c) */
 #if defined(TSE_SMALL) /* a build with lateral motion only */
@@ -132,26 +134,31 @@ typedef struct tse_particles {
 typedef struct tse_car {
   tse_real kx_front, kx_rear;                  /* [m/s2] nominal longitudinal stiffness */
   tse_real ky_front, ky_rear;                  /* [m/s2/rad] nominal cornering stiffness */
-  tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of tyre curve */
-  tse_real end_front, end_rear;                /* [m/s2] max force of each axle / friction coefficient */
+  tse_real load_front, load_rear, grip, shape; /* static loads [m/s2]; friction, shape (tyre_secant()) [1] */
+  /* [m/s2] max force of each axle at a friction coefficient of 1: load_front/(1 + b) and
+   * load_rear/(1 - b). b is the setting tyre_saturation_balance */
+  tse_real end_front, end_rear;
   /* relative change of the cornering stiffness of an axle by load transfer
    *   along  [s2/m] decrease in front, increase in the rear, per longitudinal acceleration
    *   side   [s4/m2] decrease per squared lateral acceleration */
   tse_real along_front, along_rear, side_front, side_rear;
-  tse_real height_front, height_rear; /* [s2/m] relative change of axle load per longitudinal acceleration */
+  tse_real height_front, height_rear; /* [s2/m] as along, but relative change of the axle load */
   tse_real lf, lr;                    /* [m] distances of the axles from the centre of gravity */
   tse_real jf, jr, m_inertia;         /* [1/m] m lf/I, m lr/I; [1/m2] m/I */
-  tse_real trail;                     /* [1/m] m/I times the trail of the lateral forces */
-  tse_real drag, rolling;             /* [1/m] drag / squared speed; [m/s2] rolling resistance */
-  tse_real pull_front, pull_rear;     /* [m/s2] lateral force of each axle at zero slip angle */
-  tse_real relaxation;                /* [m] relaxation length of the slip angles */
-  tse_real compliance;                /* [rad s2/m] decrease of road-wheel angle per front lateral force */
-  tse_real roll_steer;                /* [1] rear steering angle / roll angle */
-  tse_real roll_coupling;             /* [m] setting body_roll_coupling */
-  tse_real roll_gain, roll_omega;     /* [rad s2/m] roll angle per a_y; [rad/s] natural frequency of roll */
-  tse_real roll_damping;              /* [1] damping ratio of the roll */
-  tse_real roll_leak, roll_height;    /* [m/s2] gravity in accel_y per roll angle; [m] body_roll_height */
-  tse_real pitch_leak;                /* [1] gravitational acceleration times setting pitch_leak_gain */
+  tse_real trail;                 /* [1/m] m/I times the distance by which Fy acts behind the wheel centre */
+  tse_real drag, rolling;         /* [1/m] drag / squared speed; [m/s2] rolling resistance */
+  tse_real pull_front, pull_rear; /* [m/s2] lateral force of each axle at zero slip angle */
+  tse_real relaxation;            /* [m] relaxation length of the slip angles */
+  tse_real compliance;            /* [rad s2/m] decrease of road-wheel angle per front lateral force */
+  tse_real roll_steer;            /* [1] rear steering angle into the turn / roll angle out of the turn */
+  tse_real roll_coupling;         /* [m] setting body_roll_coupling */
+  tse_real roll_gain, roll_omega; /* [rad s2/m] roll angle per a_y; [rad/s] natural frequency of roll */
+  tse_real roll_damping;          /* [1] damping ratio of the roll */
+  /* accel_y contains roll_leak phi - roll_height phi''. phi is the roll angle [rad] */
+  tse_real roll_leak, roll_height; /* [m/s2] g, or 0 without roll; [m] setting body_roll_height */
+  /* accel_x contains pitch_leak p - pitch_height p''. p is the longitudinal acceleration
+   * after the lag of the pitch [m/s2] */
+  tse_real pitch_leak;                /* [1] g times setting pitch_leak_gain */
   tse_real pitch_height;              /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
   tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
   tse_real pitch_damping;             /* [1] damping ratio of the pitch */
@@ -172,7 +179,7 @@ struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle; /* hash of the vehicle settings, the same in every number format */
   int32_t form, wheel_signals;
-  tse_real steady_walk; /* [1/s] growth rate of the variance of a relative stiffness between events */
+  tse_real steady_walk; /* [1/s] growth rate of var(stiffness/nominal) while road and tyres stay the same */
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
@@ -186,27 +193,31 @@ struct tse_params {
   tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
-  tse_real damping;              /* [m/s2] 4 times speed times fastest damping rate of the motion */
-  tse_real least_step;           /* [s] min integration step (vehicle_steps()) */
-  tse_real noise_max_var;        /* [1] square of noise_max */
-  tse_real log2_forgetting;      /* log2 of the forgetting factor of Lambda and nu */
-  tse_real log2_forgetting_mean; /* log2 of the forgetting factor of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; min of the adaptive one */
+  /* [m/s2] 4 times speed times the fastest rate at which the tyres damp the motion. An
+   * integration step lasts at most speed / damping (vehicle_steps()) */
+  tse_real damping;
+  tse_real least_step;      /* [s] min integration step (vehicle_steps()) */
+  tse_real noise_max_var;   /* [1] max (estimated noise variance / variance in the settings): noise_max^2 */
+  tse_real log2_forgetting; /* log2 of the forgetting factor of Lambda and nu */
+  tse_real log2_forgetting_mean;               /* log2 of the forgetting factor of gamma */
+  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; its min if it adapts */
   tse_real memory;                             /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
   tse_real resample_at; /* [particles] N_eff at or below which particles are resampled */
-  /* particle filter: initial mu, lam, gamma, nu; initial variance of a stiffness about
-   * its mean, relative to nominal */
+  /* particle filter: initial mu, lam (tse_particles), gamma, nu; initial variance of
+   * stiffness/nominal about its mean */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
-  tse_real mean_var0;      /* [1] initial variance of a mean stiffness */
-  tse_real spread_max_var; /* [1] square of spread_max */
-  tse_real kernel;         /* [log2] sd of the random factor of Lambda in each resampling */
+  tse_real mean_var0;      /* [1] initial variance of the mean of stiffness/nominal */
+  tse_real spread_max_var; /* [1] square of setting spread_max */
+  tse_real kernel;         /* [log2] sd of log2 of the random factor by which resampling multiplies Lambda */
   tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
-  tse_real latency_age[6]; /* [s] for each channel, age of the value that a step uses */
-  tse_real learnt_floor;   /* [1] min variance of a mean stiffness learnt in an earlier drive */
-  tse_real learnt_walk;    /* [1/day] growth of this variance */
+  tse_real latency_age[6]; /* [s] for each channel, age of the used value when the newest row arrives */
+  /* for the mean of stiffness/nominal that was learnt in an earlier drive: min variance
+   * [1], and growth rate of the variance between drives [1/day] */
+  tse_real learnt_floor;
+  tse_real learnt_walk;
   /* particle filter: limits of w = stiffness/nominal - 1. Initial values are clipped to
    * w_min .. w_max. Later w is drawn at random for each particle and row. A drawn w below
    * w_low is reflected at w_low, and a drawn w above w_max is clipped. w_low is w_min, or
@@ -220,8 +231,9 @@ struct tse_params {
   tse_real model_sd;                                /* [1] setting model_sd */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] time constants of the two lags of the steering, in series */
-  tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] sd of each velocity */
-  tse_real velocity_late;               /* [s] time by which velocities precede the processed row */
+  /* [m/s m/s m/s rad] noise sd of ins_vel_x, ins_vel_y, gnss_speed, gnss_course */
+  tse_real velocity_sd[TSE_VELOCITIES];
+  tse_real velocity_late; /* [s] latency of the velocities relative to the rest of their row; may be < 0 */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior mean and sd of the extra states */
   tse_real no_torque;                               /* [Nm] an axle with a smaller |torque| rolls freely */
   tse_real road_sd;    /* [m/s2] sd of the error of gravity from a logged grade or bank */
@@ -233,7 +245,7 @@ struct tse_params {
 typedef struct tse_start {
   int32_t loaded;
   tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); spread of this mean over the particles */
-  tse_real mean_var[3];     /* [1] total variance of this mean */
+  tse_real mean_var[3];     /* [1] variance of this mean: mu_sd^2 plus the variance within each particle */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3]; /* particle filter: mean of each bias [sigma]; its variance [sigma^2] */
   tse_real kept[TSE_KEPT];       /* default filter: saved states, SI units */
@@ -248,9 +260,10 @@ enum {
   TSE_KNOWN_BEFORE, /* loaded by tse_learnt_load(), and not valid in any row since */
 };
 
-#define TSE_GROUPS 2 /* number of groups of mutually exclusive events */
+#define TSE_GROUPS 2 /* groups of events, lateral and longitudinal; at most one event of each has happened */
 
-/* Covariance U D U', in units of the state. U is unit upper triangular, D diagonal. */
+/* Covariance U D U' of the state, in the units that STATE_ROWS (car.h) lists for the
+ * states. U is unit upper triangular, D diagonal. */
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2]; /* elements of U above its diagonal */
   tse_short w[TSE_EXTRAS][TSE_ALL];               /* rows of U that belong to the extra states */
@@ -266,15 +279,17 @@ typedef struct tse_velocity {
   tse_real since[TSE_VELOCITIES];        /* [s] age of the last measured value */
   tse_real mean_nis[TSE_VELOCITIES];     /* [1] mean of recent normalised squared innovations */
   tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the values of the channel have been rejected */
-  tse_real past[TSE_PAST][4]; /* past minus present vel_x, vel_y, yaw rate, heading; newest first */
-  tse_real age[TSE_PAST];     /* [s] ages of the rows in past */
-  tse_real gyro;              /* [rad/s] rate of the heading at the last row */
-  tse_real turned;            /* [rad] change of heading since the last row */
-  tse_real motion[3];         /* vel_x, vel_y [m/s] and yaw rate [rad/s] at the last row */
-  tse_real activity;          /* [m2/s2] recent mean square of the lateral speed of the rear axle */
-  int32_t kept;               /* number of rows in past */
-  int32_t has_heading;        /* 1: the heading has been initialised */
-  int32_t has_gyro;           /* 1: `gyro` is the reading minus its bias; 0: the yaw rate of the state */
+  /* [m/s m/s rad/s rad] vel_x, vel_y, yaw rate, heading of each past row, minus those of
+   * the present row; newest row first */
+  tse_real past[TSE_PAST][4];
+  tse_real age[TSE_PAST]; /* [s] ages of the rows in past */
+  tse_real gyro;          /* [rad/s] rate of the heading at the last row */
+  tse_real turned;        /* [rad] change of heading since the last row */
+  tse_real motion[3];     /* vel_x, vel_y [m/s] and yaw rate [rad/s] at the last row */
+  tse_real activity;      /* [m2/s2] recent mean square of the lateral speed of the rear axle */
+  int32_t kept;           /* number of rows in past */
+  int32_t has_heading;    /* 1: the heading has been initialised */
+  int32_t has_gyro;       /* 1: `gyro` is the reading minus its bias; 0: the yaw rate of the state */
 } tse_velocity;
 
 /* A hypothetical event, for example a change of the road surface. If the event has
@@ -282,11 +297,11 @@ typedef struct tse_velocity {
  * event. The amplitude is unknown, and is estimated from the innovations. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* error of the state per unit of the amplitude, in units of the state */
-  tse_real info;        /* [1] information (1/variance) on the amplitude, gained within `age` */
+  tse_real info;        /* [1] information (1/variance) on the amplitude, gained since the event was opened */
   tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] only in a second amplitude: cross information with the first one */
+  tse_real both;        /* [1] only in kind EVENT_ROAD_AXLE_DIFF: cross information with its EVENT_ROAD */
   tse_real age;         /* [s] time since the hypothesis was opened */
-  int32_t kind;         /* EVENT_... of src/filter/filter.h; 0: free slot */
+  int32_t kind;         /* EVENT_... of src/filter/types.h; 0: free slot */
 } tse_event;
 
 /* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
@@ -320,19 +335,19 @@ typedef struct tse_agreement {
    * accel_x times the rate of v */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
-  tse_real lags;              /* [m2/s4] max part of across.late that soft tyres and IMU position can cause */
+  tse_real lags;              /* [m2/s4] across.square times the max delay by soft tyres and IMU position */
   tse_real complete_for;      /* [s] time since the last row without accel_y, yaw_rate or steer_angle */
   int32_t apart;     /* bit i: the quantities of pair i disagree; next bits: a late channel (plausible.c) */
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of the logarithm of the longitudinal stiffness at the last start or change of
- * tyres. The state LCX is the sum of this logarithm and of a constant error of the
- * longitudinal model (pitch, rolling radii). The error cannot be observed separately.
- * `var` is the variance of the logarithm alone. It is needed to divide a change of LCX
- * between stiffness and error (src/filter/slip_stiffness.c). */
+/* Prior of c = ln(longitudinal stiffness / nominal) at the last start, or at the last
+ * change of road or tyres. The state LCX is c plus a constant error of the longitudinal
+ * model (pitch, rolling radii), and only the sum is observable. When LCX changes, c gets
+ * the share of the change that follows from the prior variance of c
+ * (src/filter/slip_stiffness.c). */
 typedef struct tse_along {
-  tse_real mean, var; /* mean: the value of LCX at the last start or change of tyres */
+  tse_real mean, var; /* value of LCX at that time; variance of c alone [1] */
 } tse_along;
 
 /* State of the default filter, a Kalman filter of the car. */
@@ -348,28 +363,28 @@ typedef struct tse_kalman {
   tse_real steer[3];             /* [rad] steering angle: logged, after the first lag, after both lags */
   tse_real road[2];              /* [m/s2] gravity g_x, g_y from the logged grade and bank; 0: not logged */
   tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
-  /* for each stiffness, variance of its linearisation error, in squared units of the
-   * state: a correction of a stiffness makes earlier measurements inaccurate, which were
-   * linearised at the old stiffness. The variance is added to the covariance with the
-   * next process noise of this stiffness */
+  /* for each stiffness state (LCX, LCF, LCR), variance of its linearisation error, in
+   * squared units of the state. Measurements were linearised at the value that the state
+   * had before a correction, which makes them inaccurate. The variance is added to the
+   * covariance with the next process noise of the state */
   tse_real moved[3];
   tse_real seen; /* [s] total time of the processed rows since the start */
   tse_real
       nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
-  tse_real lasting[TSE_SENSORS];     /* slowly varying part of the innovations */
+  tse_real lasting[TSE_SENSORS];     /* [SI] estimated slow part of the innovation (update_lasting()) */
   tse_real lasting_var[TSE_SENSORS]; /* variance of the estimate of `lasting` */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
-  tse_real slow[TSE_SENSORS];     /* slow innovation: innovation after a low pass */
-  tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
-  tse_real usual[TSE_SENSORS];    /* [1] recent mean of (squared slow innovation / slow_var) */
+  tse_real slow[TSE_SENSORS];     /* [SI] innovation after a low pass, for tests of events */
+  tse_real slow_var[TSE_SENSORS]; /* predicted variance of `slow` */
+  tse_real usual[TSE_SENSORS];    /* [1] recent mean of slow^2 / slow_var */
   tse_real log_likelihood;
-  tse_real change_age;                     /* [s] time since the last change, which is of kind change_kind */
-  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before the last change */
-  tse_real change_from_var[4];             /* variances of these logarithms, in squared units of the state */
-  tse_along along, along_from;             /* prior of ln(slip stiffness): now, and before the last change */
-  tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
-  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
-  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] this share among the readings that follow a repetition */
+  tse_real change_age;               /* [s] time since the last change of road or tyres (change_kind) */
+  tse_real change_from[4];           /* [1] states LCX, LCF, LCR, LMU (logarithms) before the last change */
+  tse_real change_from_var[4];       /* variances of change_from, in squared units of the state */
+  tse_along along, along_from;       /* prior of ln(slip stiffness): now, and before the last change */
+  tse_real reading[TSE_SENSORS + 1]; /* last readings of the sensors and of the steering angle */
+  tse_real repeats[TSE_SENSORS + 1]; /* [1] share of the readings that equal the previous reading */
+  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] as repeats, but only of readings that follow a repeat */
   /* [1] -log2 of the probability that a working channel repeats its reading as often as
    * this channel now has (watch_repeats()) */
   tse_real frozen[TSE_SENSORS + 1];
@@ -387,16 +402,16 @@ typedef struct tse_kalman {
 
 /* Evidence that the car drives backwards (src/filter/backwards.c). */
 typedef struct tse_way {
-  tse_real by_turn, by_gain; /* [1] log odds of driving backwards: given the yaw rate, given gains of speed */
-  tse_real begins, gained;   /* [m/s] speed when the car began to roll; integral of accel_x since then */
+  tse_real by_turn, by_gain;  /* [1] natural log odds of reverse, by yaw rate and by accel_x (backwards.c) */
+  tse_real begins, gained;    /* [m/s] speed when the car began to roll; integral of accel_x since then */
   tse_real rolls_for, unread; /* [s] time since the car began to roll; time since the last accel_x */
 } tse_way;
 
 /* Ring buffer of rows that wait for the values of channels with a latency. */
 typedef struct tse_alignment {
   int32_t count, newest;               /* number of rows; index of the newest */
-  tse_real since;                      /* [s] time from the row of the last step to the newest row */
-  tse_real unkept;                     /* [s] time from the newest stored row to the newest row */
+  tse_real since;                      /* [s] sum of dt of the rows received since a row was last processed */
+  tse_real unkept;                     /* [s] sum of dt of the rows received since a row was last stored */
   tse_real before[TSE_LATENCY_KEPT];   /* [s] time since the stored row before this one; 0: first row */
   tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 if missing */
   uint8_t missing[TSE_LATENCY_KEPT];   /* bits of tse_input.missing */
@@ -411,40 +426,43 @@ struct tse_filter {
   uint32_t step;   /* number of rows processed since tse_reset(); counter of the random numbers */
   int32_t started; /* 0: the next row initialises the motion */
   tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
-  tse_real held_for;               /* [s] time since the last measured steering angle, which is held */
+  tse_real held_for;               /* [s] time since the last row with a steering angle; the angle is held */
   tse_real rolled_for;             /* [s] time since the last wheel speed */
   /* 1: the motion is unknown, because held_for exceeds the setting max_gap or rolled_for
    * exceeds ROAD_TIME. It stays unknown until a row has both steering angle and wheel
    * speed */
   int32_t lost;
   tse_real still_for; /* [s] time since the wheels stopped */
-  /* [s] for each axle, remaining time for which its wheel speed counts as a measurement.
-   * Some logs have a copy of the speed of one axle in the column of the other axle, which
-   * must not be used as a second measurement. A row in which the speed is not a copy sets
-   * the time to USUAL_TIME. At 0 the speed may be a copy */
+  /* [s] for each axle, remaining time for which its wheel speed counts as a signal of its
+   * own. In some logs the wheel speeds of both axles are copies of one signal, which must
+   * not be used as two measurements. A row in which the wheel speed has a new value that
+   * is not a copy sets the time to USUAL_TIME. 0: the wheel speed may be a copy */
   tse_real off_for[2];
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
-  tse_real gaps;  /* [1] number of recent gaps, which decays with the time constant USUAL_TIME */
+  tse_real gaps;  /* [1] number of recent rows after a gap; decays with the time constant USUAL_TIME */
   tse_way way;
-  tse_real seen;    /* particle filter: learnt samples, at most 5 times `memory`; Kalman filter: k.seen */
+  tse_real seen;    /* [samples] particle filter: learnt samples, at most 5 tse_params.memory */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* state of the Kalman filter */
   tse_alignment waiting; /* rows that wait for channels with a latency */
 };
 
-/* State of the paper's particle filter. Its first member is a tse_filter, so that a
- * pointer to tse_filter can point to it. The functions of the particle filter cast such a
- * pointer to a pointer to tse_filter_paper. */
+/* State of the paper's particle filter. The caller passes a pointer to its first member,
+ * a tse_filter. The functions of the particle filter cast the pointer to one of type
+ * tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu; /* of (16), (17); measurements do not change them, and all particles share them */
+  /* of (16) and (17). gamma: variance of the mean stiffness / variance of the stiffness
+   * about its mean; nu: degrees of freedom. Measurements do not change gamma and nu, and
+   * all particles share them */
+  tse_real gamma, nu;
   tse_real bias_var
       [3]; /* [sigma^2] variances of the biases: diagonal of P of (18), (19), the same for all particles */
-  tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
-  tse_real excite[3];                    /* low-passed regressor of each stiffness (paper/row.c) */
+  tse_real log_total; /* log2 of the sum of the weights 2^logw */
+  tse_real excite[3]; /* [sigma] low-passed d(measurement)/d(stiffness/nominal), paper/row.c */
   tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
-  tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
+  tse_real slow[3]; /* [sigma] low-passed innovations; they adapt the forgetting factor of gamma */
   tse_particles p;
   tse_real weight[TSE_STRIDE];                       /* weight / largest weight; 0 for unused particles */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* work space of the resampler */
@@ -456,8 +474,8 @@ struct tse_sim {
   tse_sim_input last; /* inputs of the last row */
   tse_sim_config config;
   uint32_t step;              /* number of rows so far */
-  tse_real x[5];              /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
-  tse_real bias[3], drawn[3]; /* biases; relative stiffness drawn for the time to the next row */
+  tse_real x[5];              /* vel_x, vel_y [m/s]; yaw rate, wheel speeds front and rear [rad/s] */
+  tse_real bias[3], drawn[3]; /* [m/s2 m/s2 rad/s]; [1] drawn stiffness / nominal until the next row */
   tse_real steer;             /* [rad] road-wheel angle at the last row, after the effects */
   tse_real steer_logged;      /* [rad] logged angle at the last row */
   tse_effect_memory effects;
