@@ -5,7 +5,9 @@
  *   1  particle filter of the paper  paper/algorithm1.c, one file per stage
  * Both use align.c (late channels). The particle filter also uses input.c (row to checked
  * sample) and start.c. */
-#include "filter/filter.h"
+#include "filter/output.h"
+#include "filter/start.h"
+#include "filter/step.h"
 #include "tables/columns.h"
 #include "paper/paper.h"
 

@@ -14,7 +14,7 @@
  * (MIN_REVERSE_ODDS) and each of the two is above a lower limit (MIN_EACH_ODDS). The
  * sum alone is not enough: a channel with a wrong sign makes the odds of one test
  * large. */
-#include "filter/filter.h"
+#include "filter/backwards.h"
 
 /* Return the natural log odds of y = -x against y = x for equal prior probabilities and
  * normal errors: -2 x y / var, limited to -TAIL .. TAIL.

@@ -24,7 +24,10 @@
  * patch of ice or water. The amplitude of such a return is known: w = 1. If the return
  * is accepted, stiffness and grip are updated with their values on the previous road
  * (recall_state()). */
-#include "filter/filter.h"
+#include "filter/events.h"
+#include "filter/faults.h"
+#include "filter/slip_stiffness.h"
+#include "filter/units.h"
 
 /* A state that an event changes (index `state`; -1 in unused elements), and the sd of the
  * change (index `by`, BY_CHANGE ...; get_sd() returns the sd). */
@@ -72,7 +75,7 @@ typedef struct kind {
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX,
+/* The kinds, in the order of EVENT_NONE ... (types.h). A change of tyres shifts LCX,
  * the logarithm of the longitudinal stiffness, with the same sd as the logarithm of
  * the cornering stiffness. LCX also contains the longitudinal model error, which may
  * be different for the old and the new tyres. When the change is accepted, LCX
@@ -196,7 +199,7 @@ static event_posterior integrate_second(const tse_kalman *k, int n)
   return s;
 }
 
-/* See filter.h. If the event is a return to the previous road, its amplitude is known: it
+/* See events.h. If the event is a return to the previous road, its amplitude is known: it
  * is 1, with the variance 0. */
 event_posterior compute_posterior(const tse_kalman *k, int n)
 {

@@ -1,6 +1,6 @@
 /* filter/exponential.c - exponential functions that are called instead of inlined: each
  * inlined copy takes 150 bytes of flash. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
 
 tse_real compute_exponential(tse_real x) { return exponential(x); }
 

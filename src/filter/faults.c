@@ -1,8 +1,9 @@
 /* filter/faults.c - find channels that are frozen, and measure the time for which a
  * faulty channel has agreed with the prediction again. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/faults.h"
 
-/* See filter.h. The evidence is -log2 of the probability that a working channel
+/* See faults.h. The evidence is -log2 of the probability that a working channel
  * repeats its value as many times as this channel has now repeated it. Each repeated
  * value adds -log2(probability of a repeat) min(nis, 1). The factor min(nis, 1) is
  * small if the repeated value agrees with the prediction. A new value resets the
@@ -30,7 +31,7 @@ int is_usable(const tse_kalman *k, int channel)
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
 
-/* See filter.h. The yaw rate contradicts the steering angle if the low-passed innovation
+/* See faults.h. The yaw rate contradicts the steering angle if the low-passed innovation
  * of the yaw rate (tse_kalman.slow) was too large in the previous row: if its square
  * exceeds TAIL times its usual mean square. */
 int watch_steering(tse_kalman *k, decoded *z)
@@ -45,7 +46,7 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* See filter.h. The channel agrees with the prediction if e^2 < TAIL S and the channel is
+/* See faults.h. The channel agrees with the prediction if e^2 < TAIL S and the channel is
  * not frozen. e is the innovation, S its variance. S does not include the part due to
  * consider parameters here. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m)

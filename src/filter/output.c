@@ -1,5 +1,13 @@
 /* filter/output.c - output of a row: the estimates, and whether they are valid. */
-#include "filter/filter.h"
+#include "filter/events.h"
+#include "filter/exponential.h"
+#include "filter/faults.h"
+#include "filter/output.h"
+#include "filter/plausible.h"
+#include "filter/sensitivities.h"
+#include "filter/slip_stiffness.h"
+#include "filter/units.h"
+#include "filter/velocity.h"
 
 /* Result of collect_possible(): the events whose probability is at least MIN_WEIGHT. For
  * each of the `count` events: at, its index in tse_kalman.event; weight, its probability;

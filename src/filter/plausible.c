@@ -21,7 +21,8 @@
  * product is the square of the factor. The first ratio is computed as
  * variance(v r)/covariance, the second as covariance/variance(accel_x). A latency of both
  * accelerometers decreases both covariances, which cancels in the product. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/plausible.h"
 #include "tables/input.h"
 
 /* The pairs of quantities, the first and the second. v: speed, r: yaw rate, d: steering

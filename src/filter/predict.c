@@ -1,5 +1,8 @@
 /* filter/predict.c - prediction of state and covariance to the time of the row. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/predict.h"
+#include "filter/sensitivities.h"
+#include "filter/units.h"
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
@@ -107,7 +110,7 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* See filter.h. Each addition of process noise to a state is a rank-one change of the
+/* See predict.h. Each addition of process noise to a state is a rank-one change of the
  * covariance. To do this for all slow states in each row would take too long. In each row
  * only some slow states therefore receive process noise: the state whose turn it is
  * (slow_turn, one state after the other), and each state whose last process noise is

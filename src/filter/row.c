@@ -1,5 +1,5 @@
 /* filter/row.c - check a log row and convert it to `decoded`. */
-#include "filter/filter.h"
+#include "filter/row.h"
 #include "tables/input.h"
 
 /* Return the axle that rolls freely, according to brake switch and wheel torques.
@@ -56,7 +56,7 @@ static int is_same(const tse_filter *f, tse_real front, tse_real rear)
  *
  * There is also only one speed if the wheel speed of one axle has been missing for
  * USUAL_TIME and no velocity is measured. z->no_second is 1 in both cases.
- *   Updated:  z  equal, same, off, one_speed and no_second (see `decoded` in filter.h).
+ *   Updated:  z  equal, same, off, one_speed and no_second (see `decoded` in types.h).
  *                If there is one signal, the rear axle receives the newer value and the
  *                front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)

@@ -20,7 +20,8 @@
  * A is updated with the gain for known parameters, K0 = A h/S0, S0 = h' A h + r. Because
  * the state is updated with K instead, S0 (K - K0)(K - K0)' is then added to A (Joseph's
  * form of the scalar update). */
-#include "filter/filter.h"
+#include "filter/events.h"
+#include "filter/scalar.h"
 
 /* Update tse_kalman.usual of channel c, and return it. It is the mean over USUAL_TIME of
  * the ratio (squared low-passed innovation)/(its predicted variance), and is at least 1.

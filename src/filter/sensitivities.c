@@ -1,7 +1,7 @@
 /* filter/sensitivities.c - sensitivities of the state, in units of the state: its shift
  * per unit of the amplitude of each event (tse_event.v), and per sd of each consider
  * parameter (tse_kalman.consider). */
-#include "filter/filter.h"
+#include "filter/sensitivities.h"
 
 void sensitivities_clear(tse_kalman *k, int count)
 {

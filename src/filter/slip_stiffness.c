@@ -5,7 +5,9 @@
  * share of the change to the slip stiffness, and the rest to the model error. The share
  * follows from B, the prior variance P of the slip stiffness and the present variance V
  * of LCX. */
-#include "filter/filter.h"
+#include "filter/sensitivities.h"
+#include "filter/slip_stiffness.h"
+#include "filter/units.h"
 
 void along_start(tse_kalman *k, tse_real var)
 {

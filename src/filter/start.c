@@ -1,5 +1,10 @@
 /* filter/start.c - initial state: the prior, and the motion from wheel speed and gyro. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/faults.h"
+#include "filter/sensitivities.h"
+#include "filter/slip_stiffness.h"
+#include "filter/start.h"
+#include "filter/units.h"
 
 void start_state(const tse_params *p, tse_filter *f)
 {

@@ -16,7 +16,18 @@
  *   slip_stiffness.c  slip stiffness without the longitudinal model error
  *   plausible.c       test whether the channels agree: wrong units, signs, axles
  *   output.c          estimates, and whether they are valid */
-#include "filter/filter.h"
+#include "filter/backwards.h"
+#include "filter/events.h"
+#include "filter/faults.h"
+#include "filter/output.h"
+#include "filter/plausible.h"
+#include "filter/predict.h"
+#include "filter/row.h"
+#include "filter/sensitivities.h"
+#include "filter/start.h"
+#include "filter/step.h"
+#include "filter/update.h"
+#include "filter/velocity.h"
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
@@ -98,7 +109,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   keep_speeds(p, f, z);
 }
 
-/* Classify the row (row_class in filter.h). The class decides whether the motion is
+/* Classify the row (row_class in output.h). The class decides whether the motion is
  * predicted to this row, which status the row has, and which estimates are valid.
  *   Given:    f    with timers that include this row
  *             gap  1: the motion cannot be predicted from the previous row to this one

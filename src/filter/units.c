@@ -1,5 +1,5 @@
 /* filter/units.c - units and limits of the states, from their table in model/car.h. */
-#include "filter/filter.h"
+#include "filter/units.h"
 
 #define STATE_UNIT(name, unit, max) TSE_R(unit),
 #define STATE_MAX(name, unit, max) TSE_R(max),

@@ -1,6 +1,12 @@
 /* filter/update.c - measurement update of the filter with one row of the log: one sensor
  * after the other, each with its estimated noise variance. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/faults.h"
+#include "filter/predict.h"
+#include "filter/scalar.h"
+#include "filter/units.h"
+#include "filter/update.h"
+#include "filter/velocity.h"
 
 /* Add the sum of the corrections of this row to the state x, and limit each state to its
  * range.

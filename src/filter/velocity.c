@@ -22,7 +22,12 @@
  * The heading is a state, so that each course is a measurement of its own. Without this
  * state, a yaw rate would have to be computed from the difference of two successive
  * courses, and the noise of successive differences is correlated. */
-#include "filter/filter.h"
+#include "filter/exponential.h"
+#include "filter/faults.h"
+#include "filter/scalar.h"
+#include "filter/sensitivities.h"
+#include "filter/units.h"
+#include "filter/velocity.h"
 
 #if !defined(TSE_NO_VELOCITY)
 

@@ -1,6 +1,7 @@
 /* host/learnt.c - save, check, load and age the learnt state. Layout of its bytes:
  * tse/learnt.h. */
-#include "filter/filter.h"
+#include "filter/slip_stiffness.h"
+#include "filter/units.h"
 #include "tse/learnt.h"
 
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */

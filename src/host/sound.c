@@ -2,7 +2,7 @@
  * program. Integers must be in range, because loops and array indices depend on them.
  * Reals must be finite and of moderate size, and variances must not be negative. */
 #include "host/sound.h"
-#include "filter/filter.h"
+#include "filter/types.h"
 #include "filter/ud.h"
 #include "tables/constants.h"
 #include "tables/input.h"

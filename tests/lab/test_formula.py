@@ -701,12 +701,7 @@ def test_a_formula_without_signals_is_a_constant():
 
 
 ROOT = Path(__file__).resolve().parents[2]
-PREPARE = (
-    "estimator/settings.c",
-    "estimator/latencies.c",
-    "estimator/check.c",
-    "estimator/prepare.c",
-)
+PREPARE = ("estimator/settings.c", "estimator/latencies.c", "estimator/check.c", "estimator/prepare.c")
 SOURCES = "model/integrator.c", *PREPARE, "host/replay.c"
 PROGRAM = r"""
 #include <stdio.h>

@@ -20,7 +20,7 @@
 #include "model/state.h"
 #include "tse/learnt.h"
 #include "tse/tse.h"
-#include "filter/filter.h"
+#include "filter/velocity.h"
 #include "tables/settings.h"
 #include <string.h>
 

@@ -4,7 +4,7 @@
 #ifndef FILTER_SUPPORT_H
 #define FILTER_SUPPORT_H
 
-#include "filter/filter.h"
+#include "filter/units.h"
 #include "unit_support.h"
 
 /* ------------------------------------------------------------------------------ dense, in double */

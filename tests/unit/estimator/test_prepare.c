@@ -1,6 +1,6 @@
 /* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c, latencies.c */
 #include "tables/constants.h"
-#include "filter/filter.h"
+#include "filter/types.h"
 #include "unit_support.h"
 #include "tables/rows.h"
 #include "tables/config.h"

@@ -2,6 +2,7 @@
  * reverses out of a parking place, with wheel speeds without sign. Textbook kinematics:
  * yaw rate is speed times steering angle over wheelbase, accel_x is the derivative of the
  * speed. */
+#include "filter/backwards.h"
 #include "filter_support.h"
 
 typedef struct leg {

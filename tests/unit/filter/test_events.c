@@ -2,6 +2,8 @@
  * slip_stiffness.c: likelihood and posterior of an event against two dense Kalman
  * filters, one of which has the event in its prior. They are linear, so that both are
  * exact. */
+#include "filter/events.h"
+#include "filter/sensitivities.h"
 #include "filter_support.h"
 
 /* A dense Kalman filter with its state in units. The last member is an offset of the

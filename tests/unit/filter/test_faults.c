@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_faults.c <-> src/filter/faults.c: evidence that a channel is
  * frozen, and the time for which a channel at fault has agreed again. */
+#include "filter/faults.h"
 #include "filter_support.h"
 
 /* The probability of a repeat is the largest of the three, and below 1. */

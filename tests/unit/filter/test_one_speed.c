@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_one_speed.c <-> src/filter/row.c, step.c, predict.c, update.c,
  * output.c: both wheel speeds are one signal. */
+#include "filter/row.h"
 #include "filter_support.h"
 
 static tse_filter f;

@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_output.c <-> src/filter/output.c: outputs of a given state,
  * computed by hand. */
+#include "filter/output.h"
 #include "filter_support.h"
 
 /* Sideslip angle, forwards and backwards, straight and lateral: the quadrant is that of

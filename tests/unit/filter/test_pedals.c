@@ -1,5 +1,7 @@
 /* tests/unit/filter/test_pedals.c <-> src/filter/row.c, update.c, predict.c, output.c:
  * brake switch and wheel torques, src/tables/sensors.toml. */
+#include "filter/row.h"
+#include "filter/update.h"
 #include "filter_support.h"
 
 static tse_filter f, other;

@@ -1,6 +1,7 @@
 /* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive by textbook
  * kinematics - speed, its derivative, yaw rate, their product, the steering angle of the
  * understeer equation - and typical mistakes of logs, each as a factor on a channel. */
+#include "filter/plausible.h"
 #include "filter_support.h"
 
 typedef struct mistake {

@@ -1,5 +1,8 @@
 /* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: prediction of state
  * and covariance to the time of a row, and the start of a drive. */
+#include "filter/predict.h"
+#include "filter/slip_stiffness.h"
+#include "filter/start.h"
 #include "filter_support.h"
 
 static tse_params a_car(void)

@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_row.c <-> src/filter/row.c: what is read of a row, and whether
  * both wheel speeds are one signal. Wheel torques and brake: test_pedals.c. */
+#include "filter/row.h"
 #include "filter_support.h"
 
 static tse_filter f;

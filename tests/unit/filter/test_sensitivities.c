@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_sensitivities.c <-> src/filter/sensitivities.c: each sensitivity
  * moves like the state, whatever the number of them. */
+#include "filter/sensitivities.h"
 #include "filter_support.h"
 
 /* Fill all sensitivities with different numbers. */

@@ -1,5 +1,6 @@
 /* tests/unit/filter/test_start.c <-> src/filter/start.c: the prior, and the motion of a
  * steady turn from wheel speeds and gyro, by the balance of forces and moments. */
+#include "filter/start.h"
 #include "filter_support.h"
 
 /* Without data all is as in the settings: a channel is expected to repeat its value, no

@@ -6,6 +6,7 @@
  * interval contains the true value in 95 of 100 cases. Of 24 intervals, more than four
  * misses are a failure: the intervals are wider than needed, since these drives have no
  * model error. */
+#include "filter/faults.h"
 #include "filter_support.h"
 
 static tse_filter f, before;

@@ -1,6 +1,9 @@
 /* tests/unit/filter/test_update.c <-> src/filter/update.c, scalar.c, faults.c: a row
  * against a dense Schmidt-Kalman filter in double. Its covariance is that of the state
  * and the consider parameters, whose gains are 0 (Schmidt 1966), by Joseph's form. */
+#include "filter/events.h"
+#include "filter/scalar.h"
+#include "filter/update.h"
 #include "filter_support.h"
 
 enum { ALL = STATES + TSE_CONSIDERED, ROOM = STATES + TSE_UNCERTAIN_ALL };

@@ -3,6 +3,8 @@
  * slopes, with differences of the model's motion; a row, with a dense Schmidt-Kalman
  * filter; the whole filter, on a car of its own model with a velocity sensor that is
  * displaced, turned and late. */
+#include "filter/faults.h"
+#include "filter/velocity.h"
 #include "filter_support.h"
 
 #define CLOSE BY_NUMBER(1e-10, 1e-3, 1e-5)

@@ -3,7 +3,7 @@
  *
  * Reference: bytes that the test writes one by one. The CRC has its published check
  * value. */
-#include "filter/filter.h"
+#include "filter/units.h"
 #include "paper/paper.h"
 #include "driven.h"
 

@@ -1,6 +1,8 @@
 /* tests/unit/host/test_small.c <-> the effects of TSE_SMALL in src/host, src/filter,
  * src/estimator: lateral motion only. Everything else is refused or reported as
  * unknown. */
+#include "filter/predict.h"
+#include "filter/start.h"
 #include "filter_support.h"
 #include "tse/learnt.h"
 

@@ -3,7 +3,7 @@
  * every element of an array. The FMU's tests (tests/fmu/unit/test_state.c) continue from
  * accepted states. */
 #include "unit_support.h"
-#include "filter/filter.h"
+#include "filter/types.h"
 #include "host/sound.h"
 #include "tables/constants.h"
 #include "tables/input.h"

@@ -1,0 +1,33 @@
+/* filter/sensitivities.h - sensitivities of the state to events and consider parameters. Internal. */
+#ifndef TSE_FILTER_SENSITIVITIES_H
+#define TSE_FILTER_SENSITIVITIES_H
+
+#include "filter/types.h"
+
+/* Sensitivities: partial derivatives of the state with respect to the amplitude of
+ * each event (tse_event.v) and to each consider parameter (tse_kalman.consider). A
+ * consider parameter is uncertain and not estimated. Its uncertainty is included in
+ * the gains and variances (Schmidt-Kalman filter). */
+
+/* Propagate the sensitivities through the row.
+ *   Given:  M  transition in units of the state, as for ud_move(). The columns after
+ *              those of the states are the partial derivatives with respect to the
+ *              consider parameters, stored as tse_short (r_short()) */
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
+
+/* Return whether, for each event and consider parameter, the sum of squares of the
+ * sensitivities of the motion is below MAX_D. A larger sum means that the prediction of
+ * the motion has diverged. */
+int are_sensitivities_known(const tse_kalman *k);
+
+/* Set the sensitivities of the first `count` states to 0. */
+void sensitivities_clear(tse_kalman *k, int count);
+
+/* Multiply all sensitivities of state i by `left`. */
+void sensitivities_fade(tse_kalman *k, int i, tse_real left);
+
+/* Return the variance of state i [unit^2], including the part that uncertain consider
+ * parameters cause. */
+tse_real compute_total_variance(const tse_kalman *k, int i);
+
+#endif
