@@ -2,16 +2,17 @@
 """Measure how results change if a constant of the filter is halved or doubled.
 
     .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N]
-        change all constants of src/tables/constants.toml, one at a time; write
-        scripts/results/constants.md
+        change, one at a time, each constant of src/tables/constants.toml whose `test` is
+        not "-"; write scripts/results/constants.md
     .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] NAME ...
         change these constants only; print the table
 
-For each value, a library is built with a changed copy of tables/constants.h. This library
-and the unchanged one run on the same drives. A change is marked by `*` if it is
-significant: the 95 % interval of the ratio of the RMS errors does not contain 1. DIR is
-the folder to which `tests.cars.study --keep DIR` and then `tests.cars.events --calibrated
-DIR` have written the drives of calibrated cars.
+For each halved or doubled constant, a library is built and run on the same drives as the
+unchanged library. On simulated cases, the table has the RMS error of the stiffnesses
+with the changed constant / RMS error with the unchanged constant. The ratio is marked by
+`*` if its 95 % interval does not contain 1. DIR is the folder to which `tests.cars.study
+--keep DIR` and then `tests.cars.events --calibrated DIR` have written the drives of
+calibrated cars.
 """
 
 import argparse
@@ -64,8 +65,8 @@ def build_library(name: str, factor: float) -> Library:
     header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
     changed = header.replace(f" {name} TSE_R({value!r})", f" {name} TSE_R({value * factor!r})")
     assert changed != header, name
-    # The compiler option -include inserts this copy before the source. The copy has the
-    # include guard of src/tables/constants.h, so that the compiler skips the original.
+    # The compiler option -include inserts the changed header before each source. Its
+    # include guard is that of the original header, which the compiler therefore skips.
     first = folder / "constants.h"
     first.write_text(changed, encoding="utf-8")
     flags = f"-include {first}"
@@ -89,11 +90,12 @@ def build_library(name: str, factor: float) -> Library:
 
 
 def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
-    """Run the filter on a drive. Return RMS error and coverage [%] of each stiffness.
+    """Run the filter on a drive. Return RMS error and coverage of each stiffness.
 
-    Both are computed from the rows within `case.windows`, the time intervals of the drive
-    in which the case is scored. Coverage is the share of these rows in which the 95 %
-    interval contains the true stiffness. If `lib` is None, the unchanged library is used.
+    The RMS error is in % of the true stiffness. The coverage [%] is the share of rows
+    whose 95 % interval contains the true stiffness. Both are computed from the rows
+    within `case.windows`, the time intervals in which the case is scored. `lib`: None is
+    the unchanged library.
     """
     settings = {**INITIAL_SETTINGS, **d.about}
     config = Config.exact(settings, lib=lib)
@@ -123,7 +125,7 @@ def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
 class Cars:
     """Test drives of calibrated cars, as an earlier study has written them to a folder.
 
-    `calm`: drives on an unchanged road. `events`: drives with an event, such as ice."""
+    `calm`: drives without an event. `events`: drives with an event, such as ice."""
 
     def __init__(self, folder: Path):
         self.calm, self.events = [], []
@@ -137,7 +139,7 @@ class Cars:
             self.events.append(job)
 
     def format_scores(self, lib: Library | None) -> str:
-        """Run the filter of a library on all drives.
+        """Run the filter of `lib` on all drives. None is the unchanged library.
 
         Return the values of the columns ON_CARS as cells of a Markdown row."""
         runs = [

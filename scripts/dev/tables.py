@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""Generate the parts of C sources and headers that repeat src/tables/*.toml.
+"""Write src/tables/*.toml as C code into parts of C sources and headers.
 
     scripts/dev/tables.py
-        write the generated parts: structs, enumerations, rows of tables
+        write these parts: structs, enumerations, rows of tables
     scripts/dev/tables.py --check
-        change nothing; fail if a part is out of date, and name its file
+        write nothing; name each file with a part that is out of date, and fail if there
+        is one
 
-A generated part stands between `// clang-format off: table NAME` and `// clang-format on:
-end of table`. REGIONS has the function that generates the part NAME.
+Such a generated part stands between `// clang-format off: table NAME` and
+`// clang-format on: end of table`. The dict REGIONS has the function that generates the
+part NAME.
 """
 
 import argparse
@@ -46,9 +48,8 @@ CONFIG = (
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
-# In these tables, some settings act in one filter only: the column `filter` of the
-# setting names this filter. ONLY has, for each filter, the suffix that is added to the
-# text of such a setting.
+# In the tables ONLY_IN, some settings act in one filter only. Their column `filter` names
+# this filter, the key of ONLY. The value of ONLY is appended to the text of the setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; no effect in the paper's filter", "paper": "; no effect in the default filter"}
 # First part of the text in tse_describe_effects() on how the filters use an effect
@@ -62,7 +63,7 @@ Row = dict[str, Any]
 
 
 def read(name: str) -> Row:
-    """Return a table of src/tables as the file states it, without added defaults."""
+    """Return a table of src/tables with the columns of its TOML file only."""
     table = tomllib.loads((ROOT / "src" / "tables" / f"{find_file(name)}.toml").read_text(encoding="utf-8"))
     return table[name] if name in SECTIONS else table
 
@@ -75,9 +76,11 @@ def find_file(name: str) -> str:
 def read_settings(name: str) -> dict[str, Row]:
     """Return the settings of a table by name: defaults, range, unit and text of each.
 
-    Each setting has the columns that the file states for it, with these changes:
-    default: value in tse_config_default(), for an ordinary car;
-    exact: value in tse_config_exact(), for a car whose parameters are known exactly;
+    Each setting has its columns of the TOML file. These columns are added or replaced:
+    exact: value in tse_config_exact(), for a car whose parameters are known exactly. It
+    is the column `default` of the file;
+    default: value in tse_config_default(), for an ordinary car: from uncalibrated.toml if
+    it is there, otherwise as `exact`;
     whole: True if the setting is an integer;
     filter: filters whose estimates depend on the setting; "both" if the file does not
     state this column.
@@ -118,10 +121,11 @@ def format_c(x: float | int | str) -> str:
 
 
 def format_start(row: Row, of: str = "default") -> str:
-    """Return a default as C source.
+    """Return the default of a setting as C source.
 
-    If the upper limit is a C expression, a build option may set it below the default. The
-    result is then the smaller of both.
+    If the upper limit of the setting is a C expression, a build option may make this
+    limit smaller than the default. The result is then a C expression for min(default,
+    upper limit).
 
     Parameters
     ----------
@@ -177,9 +181,11 @@ def list_members(rows: dict[str, Row], real: str) -> list[str]:
 
 
 def format_field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
-    """Return the row of tse_describe() for the member `place` of struct `of`.
+    """Return a row of the tables of tse_describe(), for one member of a struct.
 
-    `numbers`: default, low and high, as C source; `says`: meaning of the member."""
+    `of`: name of the struct. `name`: name of the member for the user. `place`: the member
+    in C. `kind`: letter for its type (tse_field.kind). `numbers`: default, low and high,
+    as C source. `says`: meaning of the member."""
     return (
         f"{{ {quote(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {quote(unit)}, "
         f"{quote(says)} }},"
@@ -220,9 +226,10 @@ def read_optional() -> list[Row]:
 
 
 def list_inputs(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
-    """Return the members of tse_input for channels.
+    """Return the members of tse_input for the channels `rows`, as lines of C source.
 
-    `outside`: what the filter does if the value is out of range, by kind of channel."""
+    `outside`: key: column `kind` of the channel ("drives", "measured"; "" for an optional
+    channel). Value: what the filter does with a value out of range, for the comment."""
     return [
         format_member(
             "tse_real",
@@ -302,9 +309,12 @@ def list_constants() -> list[str]:
 
 
 def list_config_groups() -> list[str]:
-    """Return C constants: first index and number of the settings of some tables.
+    """Return definitions of the C constants FIRST_<TABLE> and COUNT_<TABLE>.
 
-    Real and integer settings of tse_config are counted separately, each from 0."""
+    FIRST_<TABLE> is the index of the first real setting of the table among all real
+    settings of tse_config. COUNT_<TABLE> is the number of real settings of the table.
+    FIRST_WHOLE_FORMULA and COUNT_WHOLE_FORMULA are the same for the integer settings of
+    the table `formula`, among all integer settings."""
     parts = []
     reals = [n for n, r in read_config().items() if not r["whole"]]
     wholes = [n for n, r in read_config().items() if r["whole"]]
@@ -318,7 +328,10 @@ def list_config_groups() -> list[str]:
 
 
 def list_copies(group: str) -> Iterator[str]:
-    """Yield the rows that copy settings of a table to members of tse_params."""
+    """Yield `COPY(member of tse_params, setting),` for the settings of a table.
+
+    The column `constant` of a setting names the members that are copies of it. A setting
+    without this column is not copied."""
     for name, row in read_settings(group).items():
         constant = row.get("constant", [])
         yield from (f"COPY({x}, {name})," for x in ([constant] if isinstance(constant, str) else constant))
@@ -366,14 +379,17 @@ def describe_settings() -> list[str]:
 def count_effect_numbers() -> list[str]:
     """Return the definition of TSE_EFFECT_NUMBERS, the number of reals in tse_effects.
 
-    These reals are the settings of the effects, the mass of the car, and nine settings of
-    the user's formula: formula_gain, and its numbers formula_a .. formula_h.
+    These reals are the settings of the effects and 10 more: the mass of the car,
+    formula_gain, and formula_a .. formula_h (8 constants of the user's formula).
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 
 
 def list_effect_parameters() -> Iterator[str]:
-    """Yield the lines of a macro that lists the parameters of all effects."""
+    """Yield the lines of the macro EFFECT_PARAMETERS, the list of all effect parameters.
+
+    One argument of each row is the role: 1 for a strength, which switches the effect off
+    if it is 0; 0 for a shape, e.g. a frequency; -1 for a shape that is never fitted."""
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
         f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {format_c(r['default'])}, "
@@ -399,7 +415,10 @@ def list_hooks(*hooks: str) -> list[str]:
 
 
 def define_formula_limits() -> list[str]:
-    """Return the definitions of the limits of a formula, as C constants."""
+    """Return the C constants that limit the size of a formula, as definitions of macros.
+
+    They are the max numbers of operations, values on the stack, memories and delays, and
+    the number of constants."""
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
     rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
@@ -411,14 +430,19 @@ def define_formula_limits() -> list[str]:
 
 
 def describe_limits() -> list[str]:
-    """Return the limits of a formula, as rows of the table TSE_STRUCT_FORMULA_LIMIT."""
+    """Return the rows of tse_describe(TSE_STRUCT_FORMULA_LIMIT): name, value and meaning
+    of each limit of the size of a formula, such as the max number of operations."""
     return describe_codes(
         {n.removeprefix("TSE_"): {"code": r["value"], **r} for n, r in read("formula")["limit"].items()}
     )
 
 
 def list_operations() -> Iterator[str]:
-    """Yield the lines of a macro that lists the operations that a formula can use."""
+    """Yield the lines of the macro FORMULA_OPERATIONS, the list of the operations that a
+    formula can use.
+
+    Its arguments are macros, one for each kind of operation. A row is a call of the macro
+    of its kind: KIND(name, code, number of operands, unit, text)."""
     rows = read("formula")["operation"].items()
     yield from format_macro(
         "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
@@ -458,10 +482,10 @@ ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel"
 
 
 def format_output(name: str, r: Row) -> str:
-    """Return the row of an output for the macro OUTPUTS.
+    """Return the row of an output for the macro OUTPUTS, which lists all outputs.
 
-    The kind of the output (number, flag, code, stiffness, reason) selects the name and
-    the arguments of the row."""
+    A row is a call of a macro, such as FLAG(name, member, text). The kind of the output
+    (number, flag, code, stiffness, reason) selects the macro and its arguments."""
     head, says = f"{name}, {r['member']}", quote(r["text"])
     of, _, index = r["member"].partition("[")
     if r["kind"] == "reason":
@@ -493,7 +517,10 @@ def format_truth(group: str, name: str, place: str, r: Row) -> str:
 
 
 def list_columns() -> Iterator[str]:
-    """Yield a macro for each kind of columns: channels, inputs, outputs, true values."""
+    """Yield the macros of src/tables/columns.h, each of which is a list.
+
+    The lists are: channels of a log, inputs of the simulator, outputs of the filter, true
+    values of a simulated drive, status and reason codes, start values of a replay."""
 
     def format_end(r: Row) -> str:
         return f"{format_c(r['least'])}, {format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])})"
@@ -674,9 +701,9 @@ def fold_remark(code: str, gap: str, remark: str) -> list[str]:
 
 
 def split_text(word: str, room: int) -> list[str]:
-    """Split a C string literal that is longer than `room` into adjacent literals.
+    """Split a C string literal of more than `room` characters into several literals.
 
-    C joins adjacent literals."""
+    The C compiler joins adjacent literals. Any other word is returned unchanged."""
     if not word.startswith('"') or len(word) <= room:
         return [word]
     end = word.rindex('"')

@@ -157,7 +157,7 @@ def fill_page(text: str) -> str:
 
 def main() -> int:
     """Write the pages whose blocks have changed, and print their names. With --check,
-    only print the names. Return the exit code."""
+    only print the names. Return 1 if --check has found a page, otherwise 0."""
     stale = []
     for path in links.list_files("*.md"):
         text = path.read_text(encoding="utf-8")

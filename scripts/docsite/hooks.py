@@ -72,5 +72,8 @@ def on_page_content(content: str, **_: Any) -> str:
 
     content = MATH.sub(convert_equation, content)
     if "arithmatex" in content:
-        raise ValueError("an equation could not be converted to MathML")
+        raise ValueError(
+            'an equation, or the word "arithmatex", is left on this page: write an equation as $...$ or '
+            "$$...$$, so that it can be converted to MathML"
+        )
     return content

@@ -11,7 +11,8 @@ CODE_BLOCK = re.compile(r"^ *```.*?^ *```\s*$|``.+?``|`[^`\n]+`", flags=re.M | r
 
 
 def list_files(pattern: str = "*") -> list[Path]:
-    """Return the files in git whose names match a pattern."""
+    """Return the existing files that git tracks and whose paths match a pattern of
+    `git ls-files`, for example "*.md"."""
     listed = subprocess.run(
         ["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout

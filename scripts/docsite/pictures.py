@@ -1,9 +1,9 @@
-"""Draw the pictures of docs/pages/method/ten-minutes.md into docs/pages/pictures.
+"""Draw the PNG pictures of docs/pages/method/ten-minutes.md into docs/pages/pictures.
 
     .venv/bin/python -m docsite.pictures
 
 The curves are simulated logs (seed 1) and estimates, both computed with the current
-sources. The sketch of the car is drawn by hand.
+sources. The sketch of the car, sketch.svg, was drawn by hand and is not written here.
 """
 
 from collections.abc import Callable, Iterable
@@ -51,8 +51,10 @@ Inks = dict[str, str]
 
 
 def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
-    """Simulate square waves of the steering angle. Estimate with the parameters of the
-    simulated car."""
+    """Simulate a drive with square waves of the steering angle, and estimate it with the
+    true parameters of the car. Return drive and estimates.
+
+    `options`: arguments of tse.simulate()."""
     drive = tse.simulate("square-waves", **options)
     return drive, tse.estimate(drive.log, CAR).table
 
@@ -189,8 +191,8 @@ def shrink_picture(path: Path) -> None:
     """Reduce the number of colours of a PNG to COLOURS, and then its width and height
     until the file has at most MAX_PICTURE_BYTES.
 
-    The palette consists of the most frequent colours. If it consisted of means of similar
-    colours, a large pale area would get a tint of the lines in it.
+    The palette consists of the most frequent colours, not of means of similar colours: a
+    mean of the colours of an interval's pale area and of its lines would tint the area.
     """
     from PIL import Image
 
@@ -225,7 +227,7 @@ def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[P
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    # the commands of the studies write their pictures in full size
+    # the studies write pictures that may be too large for git: shrink these, too
     for path in (ROOT / "scripts" / "results").glob("*.png"):
         if path.stat().st_size > MAX_PICTURE_BYTES:
             shrink_picture(path)

@@ -14,7 +14,9 @@ from tse.library.errors import UserError
 from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
-DRIVE_DURATION = 6.0  # [s] duration of the simulated drive: long enough for a verdict
+# [s] Duration of the simulated drive. In this time, tselab can decide whether a stiffness
+# is usable.
+DRIVE_DURATION = 6.0
 ESTIMATE = "estimate log.csv --vehicle car.toml"
 ERROR_PREFIX = "tselab: error"
 
@@ -31,8 +33,9 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
     # Key: name of a mistake that users make. Value:
     # 1. function that makes the mistake: it returns a wrong log or writes a wrong file
     # 2. arguments with which tselab is called on this log and these files
-    # 3. start of the first line of output that the page shows. "": the page shows all
-    #    errors, warnings and notes, and the lines about the stiffnesses
+    # 3. text with which a line of the output begins: the page shows the first such line
+    #    and the indented lines after it. "": the page shows errors, warnings, notes and
+    #    the lines about the stiffnesses
     "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR_PREFIX),
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR_PREFIX),
     "degrees": (
@@ -83,7 +86,7 @@ def run_case(name: str) -> tuple[int, str]:
             done = CliRunner().invoke(cli, [*arguments.split(), "--no-progress"], standalone_mode=False)
         finally:
             os.chdir(before)
-    if isinstance(done.exception, UserError):  # tselab.cli.main() prints this error, code 2
+    if isinstance(done.exception, UserError):  # tselab.cli.main() prints it and returns 2
         return 2, f"{done.output}{ERROR_PREFIX}: {done.exception}"
     if done.exception is not None:
         raise done.exception

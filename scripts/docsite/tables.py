@@ -48,7 +48,9 @@ SETTING_GROUPS = {  # heading of each table of settings, in the order of tse_con
     "formula": "A formula of the user",
     "effects": "Effects",
 }
-HOOKS = {  # key: hook of an effect in src/tables/effects.toml; value: what the effect acts on
+# Key: hook, the place in the model at which the function of an effect is called
+# (src/tables/effects.toml). Value: quantity that this function changes.
+HOOKS = {
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
@@ -153,8 +155,8 @@ def make_config_page() -> str:
 
 
 def make_uncalibrated() -> str:
-    """Return a table of the settings that differ between an uncalibrated car and a car
-    whose parameters are known exactly (tse_config_exact())."""
+    """Return a table of the settings with two values: the default, for a car that is not
+    calibrated, and the value in tse_config_exact(), for a car that is known exactly."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(
@@ -250,7 +252,8 @@ def make_reason_codes() -> str:
 
 
 def make_regimes() -> str:
-    """Return the table of the regimes: output with the probability, and meaning."""
+    """Return the table of the regimes of the filter (steady, road changed, channel faulty
+    ...): for each, the output that is its probability, and the meaning."""
     return format_table(
         ["output", "in C", "meaning"],
         [
@@ -397,7 +400,8 @@ def find_equation(effect: str) -> str:
 
 
 def list_functions(header: str) -> list[tuple[str, str, str]]:
-    """Return name, declaration and comment of each function of a header."""
+    """Return name, declaration and comment of each function of a header. The comment is
+    "" if none stands directly above the declaration."""
     text = (TSE / header).read_text(encoding="utf-8")
     found = []
     for match in re.finditer(r"^(?:const )?\w+ \*?(tse_\w+)\([^;{]*?\);", text, flags=re.M | re.S):
@@ -494,7 +498,9 @@ def make_learnt_layout() -> str:
 
 # ---- tables of measured numbers: from runs of the filter, and from scripts/results
 
-CYCLES = 1.5  # assumed mean number of clock cycles of an instruction; loads and taken branches need two
+# Assumed mean number of clock cycles of an instruction: most need 1, loads and taken
+# branches need 2.
+CYCLES = 1.5
 PERIOD = 0.01  # [s] time between rows
 CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # [MHz] usual clock rates
 
@@ -573,11 +579,12 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
 
 
 def make_measured_cars() -> str:
-    """Return a table with the errors of the stiffness that the filter estimates for
+    """Return a table with the errors of the stiffnesses that the filter estimates for
     calibrated cars.
 
     For comparison, the table also has the errors for cars that are not calibrated, and
-    the errors of a constant stiffness that replaces the estimates of the filter."""
+    the errors without a filter: with the constant stiffness of the calibration, and with
+    the best constant, the median of the true stiffness."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",
@@ -590,12 +597,11 @@ def make_measured_cars() -> str:
 
 
 def make_measured_events() -> str:
-    """Return a table with the time for which estimates are wrong after an event, such as
-    ice or a loss of pressure.
+    """Return a table with the time for which estimates are valid but wrong by more than
+    20 % after an event, such as ice or a loss of pressure.
 
-    For comparison, the table also has the time that a filter needs to detect the change
-    if it is started at the moment of the change, with a wide prior. The change counts as
-    detected when it exceeds half the width of the 95 % interval of a stiffness."""
+    The table also has the ratio of the true stiffness after the event to that before it,
+    and the share of events that the filter reports within 5 s."""
 
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
@@ -611,9 +617,10 @@ def make_measured_logs() -> str:
 
 
 def make_tuning() -> str:
-    """Return a table of innovations, validity and errors for right and wrong settings.
+    """Return a table that shows how a wrong mass, latency or `model_sd` changes the
+    innovations, the share of valid rows, and error and 95 % interval of `cy_front`.
 
-    NIS is the normalised innovation squared."""
+    NIS is the normalised innovation squared, e^2/S of one channel."""
     import tse
     from tse.library.core import library
 

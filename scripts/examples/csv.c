@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include "tse/tse.h"
 
-/* Read a log as CSV from standard input. Print the front cornering stiffness at its end.
- * Columns: time, then the channels in the order of the array `channel`. SI units, axes of
- * ISO 8855. */
+/* Read a log as CSV from standard input. Print the front cornering stiffness after the
+ * last row, with its 95 % interval. Columns: time, then the channels in the order of the
+ * array `channel`. SI units, axes of ISO 8855. */
 int main(void)
 {
   static tse_filter f;

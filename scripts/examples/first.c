@@ -1,7 +1,9 @@
 #include <stdio.h>
 #include "tse/tse.h"
 
-/* Estimate from a log on standard input: header, rows of 10 ms, SI units, ISO 8855. */
+/* Read a log as CSV from standard input. Print the front cornering stiffness after the
+ * last row. The first line is a header; the rows are 10 ms apart. Columns: see scanf()
+ * below. SI units, axes of ISO 8855. */
 int main(void)
 {
   static tse_filter f; /* the caller provides all memory */
@@ -13,9 +15,10 @@ int main(void)
   double time;
   int cells;
   int row = 2; /* row 1 is the header */
-  /* Settings of an ordinary car, not calibrated. On the simulated log.csv of the README,
-   * the program prints 132 +- 25 kN/rad (95 % interval). The true value is 120. Python's
-   * tse.estimate() first calibrates the car on this log, and prints 114 +- 14. */
+  /* Settings of an ordinary car that is not calibrated. On the simulated log.csv of the
+   * README, the estimate is 132 +- 25 kN/rad (95 % interval). The true stiffness is
+   * 120 kN/rad. tse.estimate() in Python first calibrates the car on this log, and then
+   * estimates 114 +- 14 kN/rad. */
   tse_config_default(&c);
   c.mass = 1900;
   c.lf = 1.25;

@@ -32,7 +32,7 @@ import numpy.typing as npt
 import pandas as pd
 
 Array = npt.NDArray[np.float64]
-WALK = 0.002  # [1/sqrt(s)] sd by which a compliance walks in 1 s, relative to nominal
+WALK = 0.002  # [1/sqrt(s)] sd of the change of a compliance in 1 s / nominal compliance
 START = 0.3  # sd of the compliances at the start, relative to their start values
 SMOOTH = 0.1  # [s] time constant of the low-pass filter of noisy channels
 MIN_SPEED = 3.0  # [m/s] min speed at which the compliances are updated

@@ -29,9 +29,9 @@ def read_rows() -> Iterator[dict[str, float]]:
 
 def main() -> tuple[tse.Estimate, bytes]:
     """Run the filter on the rows. Return its last estimate and the learnt state."""
-    # the steering angle is logged 0.02 s late
+    # tell the filter that a steering angle that comes at t was measured at t - 0.02 s
     car = tse.Filter(CAR, sample_time=0.01, settings={"steer_angle_latency": 0.02})
-    print(f"late channels: { {c: s for c, s in car.latencies.items() if s} } s")
+    print(f"latencies of the late channels [s]: { {c: s for c, s in car.latencies.items() if s} }")
     e, refused = None, 0
     for row in read_rows():
         try:
@@ -44,11 +44,11 @@ def main() -> tuple[tse.Estimate, bytes]:
             print(f"{e.time:.2f} s: {e.status_text}")
     assert e is not None
     print(
-        f"{e.time:.2f} s: estimate for {e.estimate_age:.3f} s earlier: "
+        f"{e.time:.2f} s: the estimate refers to {e.estimate_age:.3f} s earlier: "
         f"cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ",
         end="",
     )
-    print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"({refused} row refused)")
+    print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"(rows refused: {refused})")
 
     learnt = car.save_learnt()  # 268 bytes, to be stored in a file or an ECU
     assert learnt is not None

@@ -21,7 +21,7 @@ SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to th
 Every stiffness is the sum over both tyres of an axle. NaN is a missing value. The C
 library computes all estimates, so they have the same bits as in C. tse.tables lists the
 settings and the channels with units and ranges. tse.errors has the exceptions. tse.files
-has functions for writing files, for commands that are built on tse.
+has the functions with which `tselab` writes files; other programs may use them, too.
 """
 
 from __future__ import annotations

@@ -595,7 +595,7 @@ def run_example(name, *arguments):
 def test_a_stream_is_followed():
     out = run_example("stream.py")
     assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
-    assert "late channels: {'steer_angle': 0.02} s" in out and "for 0.020 s earlier" in out
+    assert "late channels [s]: {'steer_angle': 0.02}" in out and "refers to 0.020 s earlier" in out
     (now, within), (first, _) = (
         (float(x), float(by)) for x, by in re.findall(r"cy_front (\d+) \+- (\d+)", out)
     )

@@ -1,13 +1,13 @@
 /* control_loop.h - example: tse in a control unit that reads its sensors from a CAN bus.
  *
  *   interrupt of the CAN controller   loop_received(): read the channels of a frame
- *   interrupt of a timer, 10 ms       loop_period():   make a row of the last readings
- *   background                        loop_work():     run the filter on a new row
+ *   interrupt of a timer, 10 ms       loop_period():   make a row of the newest readings
+ *   background                        loop_work():     run the filter on this row
  *
- * A step of the filter may take a whole period, because the interrupts do not wait for
- * it. To use other identifiers, signals and scales, change loop_received() in
- * control_loop.c. tests/embedded/can_board.c runs the loop with a recorded drive on an
- * emulated Cortex-M4F. */
+ * The interrupts do not wait for the filter, so a step of the filter may take up to the
+ * whole period of the timer. To use other identifiers, signals and scales, change
+ * loop_received() in control_loop.c. tests/embedded/can_board.c runs the loop with a
+ * recorded drive on an emulated Cortex-M4F. */
 #ifndef CONTROL_LOOP_H
 #define CONTROL_LOOP_H
 
@@ -37,7 +37,7 @@ typedef struct control_loop {
   tse_output estimate;        /* estimate after the last row */
   tse_input coming;           /* readings of the current period */
   tse_input row;              /* row that the filter reads next, if is_ready is 1 */
-  uint32_t periods;           /* number of periods since the last row */
+  uint32_t periods;           /* number of timer periods since loop_period() last made a row */
   tse_real lost;              /* [s] dt of the last row if it was refused, otherwise 0 */
   uint32_t rows;              /* number of rows that loop_work() has passed to the filter */
   uint32_t refused;           /* number of rows that the filter has refused */

@@ -82,9 +82,12 @@ class Calibration(Shown):
         return results.USABLE if is_usable else results.NOTHING
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row per parameter of the car. Columns: name, unit, before
-        (value in the vehicle file), value (fitted value), sd, shown (whether the logs
-        determine the parameter), words (a sentence) ..."""
+        """Return a table with a row per fitted parameter of the car.
+
+        Columns: name, group, unit, before (value in the vehicle file), prior and prior_sd
+        (prior mean and sd), value and sd (posterior mean and sd), shown (whether the logs
+        determine the parameter), words (a sentence), shape (whether the parameter gives
+        the shape of an effect, e.g. a time constant)."""
         return pd.DataFrame([f.as_json() for f in self._result.findings])
 
     def to_dict(self) -> dict[str, Any]:
@@ -94,7 +97,8 @@ class Calibration(Shown):
         return found
 
     def plot(self) -> Any:
-        """Return a plotly figure: each parameter with its 95 % interval and its prior."""
+        """Return a plotly figure: posterior mean and 95 % interval of each parameter, as
+        differences from its prior mean, in prior sds."""
         return page.draw_bands(self._result)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -137,14 +141,15 @@ def calibrate(
         with bends and some braking is a good start. A log that cannot be read, or whose
         channels contradict each other, is left out, with a note.
     vehicle
-        As in estimate().
+        A vehicle file, a mapping with its keys, or the result of read_vehicle().
     hold_out
         Logs that are not used for the fit. The calibrated car is validated on them.
     road
         Bank and grade of the road that all logs were driven on: a file road.csv, or a
         Road. None: they are estimated together with the parameters of the car.
     reading
-        Options for reading files: signals, rate, strict, databases.
+        How files are read: Reading(signals=, rate=, strict=, databases=), the options of
+        read_log(). None: their defaults.
     steps
         Maximum number of steps of the fit; None: 40.
     jobs

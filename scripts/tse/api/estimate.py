@@ -50,7 +50,8 @@ class Result(Shown):
     """(n rows) The columns of `tselab estimate` (its --help lists units): time, vel_x,
     cy_front, cy_front_sd, p_changed ... Columns _valid and _spread_seen are booleans,
     columns _reason are strings. If estimate() was called with `out`, the table has only
-    the columns that `words` needs and, if the log is very long, only every k-th row."""
+    the columns that `words` needs, and at most 524288 rows (87 minutes at 100 Hz): of a
+    longer log, every k-th row, with the smallest k that is sufficient."""
     settings: dict[str, float | int]
     """All settings of the run by name, also those that were estimated from the log."""
     notes: tuple[str, ...] = ()
@@ -134,9 +135,10 @@ class Result(Shown):
         """The result in sentences, as the last lines of `tselab estimate --verbose`.
 
         If the car is not calibrated, estimate() first calibrates it on this log. In this
-        case, the first sentence gives the stiffness that was found, or the reason why
-        there was no calibration. Filter, the C library, the FMU and the browser page
-        never calibrate the car, so their results may differ from this one."""
+        case, the first sentence gives the stiffness from the calibration, or the reason
+        why the car stays uncalibrated. Filter, the C library, the FMU and the browser
+        page never calibrate a car, so their estimates may differ from those of
+        estimate()."""
         itself = self.vehicle.found[:1] if self.vehicle is not None else []
         return (*itself, *(line for lines in self.stretch_words for line in lines))
 
@@ -199,17 +201,18 @@ class Result(Shown):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """`warnings` and `notes` in the order in which `tselab estimate` prints them.
-        The notes on keys that are missing in the vehicle file, and on the values that
-        were used for them, are left out."""
+        """`warnings` and `notes` in the order in which `tselab estimate` prints them,
+        without two kinds of `notes`: on the calibration of the car on this log, and on
+        the values that replace missing keys of the vehicle file."""
         return tuple(self._get_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """The `messages` about what may be wrong: `warnings`, warnings from reading the
-        log, and doubts about the vehicle file. There is a doubt if the calibration on
-        this log contradicts the vehicle file. If the estimates also show that channels
-        contradict each other, the doubt is one of the `warnings` instead."""
+        """The `messages` about what may be wrong, in this order: `warnings`; doubts;
+        warnings from reading the log. A doubt is a contradiction that is not certain:
+        between channels, or between the vehicle file and the calibration on this log. If
+        the estimates confirm that channels contradict each other, the doubts become
+        `warnings`."""
         _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
@@ -268,7 +271,8 @@ class Result(Shown):
 
     @property
     def log(self) -> Log:
-        """The log as the filter received it, after averaging if `average` was given."""
+        """The log with the rows that the filter received. If estimate() was called with
+        `average`, they are the averaged rows."""
         return Log(self._get_run()[1].log)
 
     def to_frame(self) -> pd.DataFrame:
@@ -297,8 +301,8 @@ class Result(Shown):
         return self.stretches
 
     def plot(self) -> Any:
-        """Return a plotly figure: the stiffnesses with their 95 % intervals, grey where
-        they are not valid, and the events."""
+        """Return a plotly figure of the stiffnesses with their 95 % intervals and of the
+        events of the drive. A stiffness is grey where it is not valid."""
         ran, ready = self._get_run()
         self._check_whole("plot")
         data = plots.Data(ready.log)
@@ -330,7 +334,7 @@ class Result(Shown):
         if not set(list_est_columns()) <= {*self.table}:
             raise ValueError(
                 f"{what}: this result holds only a summary, because `out` wrote the rows to a file. Call "
-                "estimate() without `out`, or let it write the page with `report`"
+                "estimate() without `out`. To get the HTML page, call estimate() with `report`"
             )
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -414,17 +418,18 @@ def estimate(
         [s] Time since the drive on which `learnt` was learnt. By default, it is the age
         of the file if `learnt` is a Path, and unknown if `learnt` is bytes.
     calibrate
-        Whether a car without calibrated stiffness is first calibrated on this log.
-        Result.calibration then has the result of the calibration. If `learnt` is given,
-        the car is never calibrated.
+        True: a car without calibrated stiffness is first calibrated on this log, unless
+        `learnt` is given. Result.calibration is the result. False: no calibration.
     road
         Bank and grade of the road, for the filter: a file road.csv or a Road. The
         position of the car on the road is found from the positions in the log or, without
         them, from the driven path.
     config
-        A file of settings, such as FILTER.toml.
+        A TOML file with settings, `name = value`, that override the vehicle. None: no
+        such file.
     reading
-        Options for reading a file: signals, rate, strict, databases.
+        How a file is read: Reading(signals=, rate=, strict=, databases=), the options of
+        read_log(). None: their defaults.
     out
         File to which the estimates are written while the filter runs: Parquet if it ends
         in .parquet, otherwise CSV. Result.table then is a summary, which saves memory.
@@ -509,9 +514,9 @@ def estimate(
 
 
 def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
-    """Return a learnt state that is given as bytes or as a file.
+    """Return a learnt state that is given as bytes or as a file; None without one.
 
-    `age`: [s] time since the state was learnt. If it is UNKNOWN_AGE and `learnt` is a
+    `age`: [s] time since the state was learnt. If `age` is UNKNOWN_AGE and `learnt` is a
     file, the age of the file is used."""
     if isinstance(learnt, os.PathLike):
         return read_learnt(Path(learnt), None if age == UNKNOWN_AGE else age)
