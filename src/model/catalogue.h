@@ -4,8 +4,11 @@
  *
  * The functions of an effect are named <effect>_<hook>(). A hook is the place in
  * effects.h at which a function is called. The effects of hook CONSTANT change only
- * settings, before the model runs, and are in effects_constant.h. Only effects.h includes
- * this file, after it has declared `point` and `reading`. */
+ * settings, before the model runs, and are in effects_constant.h. */
+#ifndef TSE_SRC_CATALOGUE_H
+#define TSE_SRC_CATALOGUE_H
+
+#include "model/point.h"
 
 /* steering_ratio: the wheels have the angle delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(
@@ -389,3 +392,5 @@ static inline void imu_delay_sensor(reading *z)
 #define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) \
     X(imu_scale_ay) X(gyro_scale) X(imu_delay)
 // clang-format on: end of table
+
+#endif

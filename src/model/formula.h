@@ -8,10 +8,12 @@
  * Some operations have a memory, for example a lag. During an integration step the memory
  * holds the state of these operations at the start of the step. A point is `ahead`
  * seconds after the start: from the memory and `ahead` the operations compute their
- * result at the point. After the step, formula_remember() updates the memory.
- *
- * Like catalogue.h, this file has no #include: effects.h includes it after its
- * declarations. */
+ * result at the point. After the step, formula_remember() updates the memory. */
+#ifndef TSE_SRC_FORMULA_H
+#define TSE_SRC_FORMULA_H
+
+#include "model/point.h"
+#include "tables/formula.h"
 
 #define MAX_FORMULA_VALUE TSE_R(1e6) /* formula_clip() sets larger magnitudes, and NaN, to 0 */
 
@@ -272,3 +274,5 @@ static inline void formula_remember(tse_effect_memory *m, const point *pt, int r
   m->formula_accel[0] = pt->force.x;
   m->formula_accel[1] = pt->force.y;
 }
+
+#endif
