@@ -4,17 +4,18 @@
     python3 scripts/dev/amalgamate.py --out FOLDER
         write tse.h, tse.c, LICENSE, NOTICE
     python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
-        write the same files, with float as default number format and without effects
+        write the same files. By default, numbers are then float, and the effects
+        (deviations of a car from the plain model), simulator and replay are left out
 
 scripts/dropin/README.md describes how to compile the two files. tse.c contains the files
 of src, in the order of src/CMakeLists.txt. In tse.c, each function or variable that is
 not part of the public API is static.
 
-Users of the two files do not need CMake. They select the options that CMake has for the
-library by macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS,
-TSE_NO_EFFECTS, TSE_NO_PARTICLES, TSE_FORMULA. One more macro, TSE_NO_DESCRIBE, removes
-the tables of names and texts. The build of the library does not need it: there the tables
-are in an object file of their own, which the linker leaves out if they are not used.
+Users of the two files select the options of the library by macros: TSE_REAL_FLOAT,
+TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_VELOCITY,
+TSE_NO_PARTICLES, TSE_SMALL, TSE_FORMULA. CMake has an option for each of these. Only the
+macro TSE_NO_DESCRIBE has none: it removes the tables of names and texts. With CMake,
+these tables are an object file, which the linker leaves out if no table is used.
 
 The same sources and options give the same bytes. The script needs Python only.
 """
@@ -55,10 +56,10 @@ class Wrong(Exception):
 
 @dataclass
 class Sources:
-    """The files of the library."""
+    """Source files and version of the library."""
 
     files: list[str]  # files of src, each after the files that it needs
-    with_effects: set[str]  # files that the build leaves out with TSE_EFFECTS=OFF
+    with_effects: set[str]  # files that CMake compiles only with TSE_EFFECTS=ON
     version: str
 
     @staticmethod
@@ -84,7 +85,7 @@ class Token:
 
     kind: str  # name of a group in TOKEN
     text: str
-    at: int  # index of its first character in the source
+    at: int  # index of the token's first character in the source
 
 
 def read_tokens(text: str) -> Iterator[Token]:
@@ -178,11 +179,11 @@ def rename_words(text: str, names: dict[str, str]) -> str:
 
 
 def make_static(text: str, public: set[str]) -> str:
-    """Make static each variable, and each function that is not in `public`.
+    """Return a source with all variables static, and all functions that are not `public`.
 
-    An `extern` declaration of a variable is removed. The declaration is not needed,
-    because the file that defines the variable comes first. If it were made static
-    instead, a C++ compiler would refuse it as a second definition of the variable.
+    `extern` declarations of variables are removed. They are not needed, because in tse.c
+    the definition of a variable stands above its uses. With `static` instead of `extern`,
+    a declaration would be a second definition, which C++ does not allow.
     """
     found = list(find_declarations(text))
     places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
@@ -200,8 +201,8 @@ def make_static(text: str, public: set[str]) -> str:
 class Amalgamation:
     """Makes the texts of tse.h and tse.c.
 
-    `defaults`: value of each build option that the user does not define as a macro. The
-    key is "real" (number format) or the name of the macro."""
+    `defaults`: values of build options. The two files use them unless the program that is
+    compiled defines the macro. Key: "real" (number format) or the name of a macro."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
@@ -213,9 +214,9 @@ class Amalgamation:
     def copy_public_header(self, name: str) -> str:
         """Return a header of include/tse, with the headers that it includes inserted.
 
-        A header that is already part of tse.h is not inserted again. Headers keep their
-        include guards, so that a program can include both tse.h and the header tse/tse.h
-        of the library.
+        A header that is already part of tse.h is not inserted again. The include guards
+        are kept. If a program includes tse.h and then tse/tse.h of the library, the
+        guards prevent a second declaration of the same names.
         """
         if name in self.header_done:
             return ""
@@ -243,9 +244,9 @@ class Amalgamation:
         return self.format_head("tse.h", HOW_TO_USE) + self.define_defaults() + text
 
     def define_defaults(self) -> str:
-        """Return C code that defines the options of this script as macros.
+        """Return C code that defines the macros in `defaults`.
 
-        An option is defined only if the user has not defined it."""
+        The code defines a macro only if it is not yet defined, for example by -D."""
         lines = []
         if "real" in self.defaults:
             formats = " && ".join(f"!defined(TSE_REAL_{x.upper()})" for x in FORMATS)
@@ -304,12 +305,13 @@ class Amalgamation:
         }
 
     def format_part(self, name: str, text: str) -> str:
-        """Return the text of a source file for tse.c, under a line with its name.
+        """Return a source file as part of tse.c, below a comment with the file's name.
 
-        Its #include lines are left out, because tse.c has the headers further up."""
+        Lines #include "..." are left out, because the headers are in tse.h, or further up
+        in tse.c."""
 
         def put(m: re.Match[str]) -> str:
-            # tse_formula.h is not in tse.c: 'tselab formula' writes it for the user
+            # tse_formula.h is included: it is a file that 'tselab formula' writes
             return m[0] if m[1] == "tse_formula.h" else ""
 
         return f"\n/* ======== {name} */\n\n{INCLUDE.sub(put, text)}"
@@ -355,10 +357,10 @@ def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
 
 
 def remove_c_plus_plus(path: Path) -> str:
-    """Return the text of a file without the lines of extern "C" and of clang-format.
+    """Return the text of a file without extern "C" and without comments to clang-format.
 
-    In tse.c, these lines are not needed: it includes tse.h, where the public functions
-    are declared with extern "C"."""
+    tse.c needs no extern "C", because tse.h declares the public functions with it. The
+    comments have no use, because tse.c is generated and not formatted."""
     return FORMATTER.sub("", C_PLUS_PLUS.sub("", path.read_text()))
 
 

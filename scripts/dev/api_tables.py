@@ -38,14 +38,16 @@ WIDTH = 90  # max columns of a docstring line, including ten for indent and quot
 
 
 def format_docstring(text: str, unit: str = "") -> str:
-    """Return the docstring of a class attribute as code of at most WIDTH columns."""
+    """Return the code of a docstring with `text` and `unit`, wrapped at WIDTH columns.
+
+    `unit`: appended in brackets, unless it is "" (none) or "1" (no dimension)."""
     text = text[:1].upper() + text[1:] + (f" [{unit}]" if unit not in ("", "1") else "")
     lines = textwrap.wrap(text.replace('"', "'") + ("" if text.endswith(".") else "."), WIDTH - 10)
     return textwrap.indent('"""' + "\n".join(lines) + '"""', "    ")
 
 
 def write_row() -> list[str]:
-    """Return the lines of code that declare the members of class Row, one sample."""
+    """Return the lines of code that declare the fields of class Row (one sample)."""
     lines = []
     for f in library().fields(INPUT):
         if f.name in ("missing", "given"):

@@ -63,11 +63,11 @@ class Measured:
     name: str
     limits: dict[str, dict[str, float]]  # key: quantity of QUANTITIES; value: `goal`, `limit`
     skipped: str = ""  # reason if the target was not measured, otherwise ""
-    unfit: str = ""  # reason if the program does not fit into the memory, otherwise ""
+    unfit: str = ""  # reason if the program does not fit into flash or RAM, otherwise ""
     values: dict[str, float] = field(default_factory=dict)  # key: quantity of QUANTITIES
-    # key: kind of rows, such as "drive", the recorded drive, or "missing", rows with
-    # missing channels (KINDS lists all); value: number of rows, mean and maximum number
-    # of instructions for one of these rows
+    # Key: kind of rows. For example, "drive" are the rows of the recorded drive. KINDS
+    # describes all kinds. Value: number of rows; mean and maximum of the number of
+    # instructions of a row
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     stacks: dict[str, int] = field(default_factory=dict)  # [bytes] key: method of measuring
 
@@ -174,9 +174,9 @@ def find_deepest_stack(folder: Path, name: str) -> int:
     """Return the stack [bytes] of the deepest chain of calls that starts in function
     `name`.
 
-    For each function, gcc writes its stack and the functions that it calls to .ci files.
-    The stack of a chain is the sum over its functions. The .ci files show every chain,
-    because the library has no recursion and no calls through function pointers.
+    gcc -fcallgraph-info=su writes .ci files with the stack of each function and with its
+    calls. The stack of a chain is the sum over its functions. No chain is missed, because
+    the library has no recursion and no calls through function pointers.
     """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)
@@ -204,15 +204,15 @@ def find_deepest_stack(folder: Path, name: str) -> int:
 
 @dataclass
 class Flash:
-    """Flash that the library needs on a Cortex-M4F, in float at -Os, and its limit.
+    """Flash that the library needs on a Cortex-M4F, with number format float and -Os.
 
     The macros in `row` leave parts of the library out."""
 
-    row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, macros, limit
+    row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, macros, limit [bytes]
     size: int = 0  # [bytes] flash that is needed; 0 if the compiler is not installed
 
     def list_exceeded(self) -> list[str]:
-        """Return a message if the limit is exceeded."""
+        """Return a list: one message if the limit is exceeded, otherwise empty."""
         over = self.size > self.row["limit"]
         return (
             [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []

@@ -3,7 +3,8 @@
 to scripts/results.
 
     .venv/bin/python scripts/dev/facts.py
-        measure everything except the studies: about 90 s
+        measure sizes and times, draw the pictures of `tselab demo`, and do what --fmu
+        does: about 90 s
     .venv/bin/python scripts/dev/facts.py --fmu
         write only the tables of outputs and variables of the FMUs: a few seconds
     .venv/bin/python scripts/dev/facts.py --study NAME ...
@@ -11,8 +12,8 @@ to scripts/results.
 
 Afterwards, `python -m docsite.fill` copies the tables into the pages, and
 tests/test_readme.py compares README with scripts/results. One result is not from this
-script: tests/fmu/importers.py writes what validators and other importers report on the
-FMUs.
+script: tests/fmu/importers.py writes what validators of FMUs, and programs that import
+FMUs, report on the FMUs of tse.
 """
 
 import argparse
@@ -42,7 +43,8 @@ STUDIES = {
 PICTURES = ("paper",)  # tables of STUDIES that have a picture
 
 # Key: name of an FMU. Value: regular expression of its main variables. The table of the
-# FMU describes each main variable. It only counts the other variables, group by group.
+# FMU describes each main variable. Other variables are not described: for each group of
+# them, such as vehicle.*, the table states their number and the first four names.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",

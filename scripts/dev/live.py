@@ -54,7 +54,8 @@ name = "LateralAcceleration"
 def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
     """Simulate a drive, and encode its signals as CAN frames.
 
-    Return time [s], identifier and data bytes of each frame."""
+    `car`: vehicle file. `seconds`: duration of the drive. Return for each frame: time
+    since the start of the drive [s], CAN identifier, data bytes."""
     clean = formats.make_drive(car, seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
@@ -65,8 +66,9 @@ def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
 
 
 def send(path: Path, delay: float) -> None:
-    """Send the frames of a candump log in real time. `delay` [s]: wait before time 0 of
-    the log."""
+    """Send the frames of a candump log at the rate at which they were logged.
+
+    `delay` [s]: time from this call to the start of the logged drive."""
     lines = [line.split() for line in path.read_text().splitlines()]
     frames = [(float(t[1:-1]) - trade.EPOCH, *f.split("#")) for t, _, f in lines]
     with can.Bus(interface="udp_multicast", channel=GROUP, port=PORT) as bus:
@@ -90,9 +92,9 @@ def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
 def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str]:
     """Run `tselab live` while a second process sends the frames of a log.
 
-    Return a match of a regular expression with the summary that the command prints.
-    Groups of the match: 1 number of frames, 2 number of rows, 3 rows a second; 4 median,
-    5 99 % quantile and 6 maximum of the delay from a frame to its estimate [ms]."""
+    `tselab live` ends with a summary. Return its numbers as groups 1 .. 6 of a match:
+    frames; rows; rows per second; median, 99 % quantile and maximum of the delay from a
+    frame to its estimate [ms]."""
     sender = subprocess.Popen([sys.executable, __file__, "--send", str(log)], env=ENV)
     words = [*TSELAB, "live", "--interface", "udp_multicast", "--channel", GROUP, "--bus", f"port={PORT}"]
     words += ["--database", str(folder / "car.dbc"), "--vehicle", str(car)]
@@ -110,7 +112,9 @@ def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str
 
 
 def describe_priority() -> str:
-    """Return the scheduling priority of this process: "usual" or "real-time"."""
+    """Return "real-time" if this process runs under SCHED_FIFO or SCHED_RR, else "usual".
+
+    On a system that does not tell the policy, such as Windows, return "usual"."""
     return PRIORITY[os.sched_getscheduler(0)] if hasattr(os, "sched_getscheduler") else "usual"
 
 

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Measure the memory of `tselab estimate` for a long log in each format.
+"""Measure memory and processor time of `tselab estimate` for a long log in each format.
 
     .venv/bin/python scripts/dev/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
 
-Writes scripts/results/long_logs.md; rows of formats that are not measured stay unchanged.
-A log contains the same ten minutes of a drive again and again: four wheels at 50 Hz, the
-steering wheel at 20 Hz, the inertial sensor at 100 Hz, each with a latency. Functions of
-tests/lab write the log to a temporary folder, one format at a time. `tselab estimate` is
-run with --report, so the measured memory includes that of the report."""
+Writes the table in scripts/results/long_logs.md. With the same --hours as before, rows of
+formats that are not measured stay in the table. A log repeats the same ten minutes of a
+drive: four wheels at 50 Hz, the steering wheel at 20 Hz, the inertial sensor at 100 Hz.
+Time stamps of all signals are 20 to 40 ms late. Functions of tests/lab write the log to a
+temporary folder, one format at a time. `tselab estimate` is run with --report, which also
+needs memory."""
 
 import argparse
 import re
@@ -30,8 +31,8 @@ import log_formats as formats  # noqa: E402  (functions of tests/lab that write 
 def write_own_csv(folder: Path, parts: list[formats.Message]) -> Path:
     """Write the repeated drive as a CSV with the column names and units of tse.
 
-    `parts`: messages that the other formats contain. The CSV gets as many repetitions of
-    the drive as these messages have. Return the path of the CSV."""
+    `parts`: messages of the repeated drive, as written to logs in the other formats. Only
+    the number of repetitions is taken from them. Return the path of the CSV."""
     path = folder / "log.csv"
     table = formats.make_drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
     for k in range(round(len(parts[-1].time) / len(table))):
@@ -99,8 +100,8 @@ def main() -> None:
 def write_result(rows: dict[str, str], command: str, hours: float) -> None:
     """Write scripts/results/long_logs.md, with one row of its table for each format.
 
-    `rows`: name of the format -> its row. `command`: the call of this script. `hours`:
-    duration of the log."""
+    `rows`: row of the table as Markdown, by name of the format. `command`: command line
+    of this script, for the head of the file. `hours`: duration of each log."""
     lines = [
         f"<!-- Written by `{command}`. -->",
         "",

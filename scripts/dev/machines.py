@@ -1,7 +1,8 @@
 """Build the programs of tests/embedded for each machine, and run them.
 
-scripts/dev/platforms.py checks that their results are equal in all bits.
-scripts/dev/budgets.py measures instructions, code and memory.
+A machine is a processor with a compiler and, unless it is this computer, an emulator.
+scripts/dev/platforms.py checks that all machines give the same estimates in all bits.
+scripts/dev/budgets.py measures instructions, flash, RAM and stack.
 
 A program consists of four parts: tse.c, which scripts/dev/amalgamate.py makes of the
 library; a file with the test program; a file that implements tests/embedded/port.h
@@ -48,16 +49,18 @@ def read_formats() -> list[str]:
 
 
 def find_golden_file(real: str) -> Path:
-    """Return the file with the golden estimates of a number format."""
+    """Return the file with the golden estimates of a number format.
+
+    Golden estimates are the recorded reference: the filter must reproduce all bits."""
     return ROOT / "tests" / "replay" / f"golden_{real}.csv"
 
 
 def read_golden(real: str) -> dict[str, str]:
-    """Return a dict: run of the filter on the recorded drive -> hash of all its outputs.
+    """Return the hash of all outputs of each run of the filter on the recorded drive.
 
-    The name of a run consists of the name of the filter's settings, such as "default" or
-    "paper", and the number of the method of resampling: "default, scheme 0".
-    tests/replay/update.py has written the hashes to the golden file."""
+    Key: name of the run, such as "paper, scheme 2": settings of the filter, and number of
+    the method of resampling. tests/replay/update.py has written the hashes to the golden
+    file."""
     return {
         name: hash_
         for hash_, name in re.findall(r"^# hash (\w+) (.+)$", find_golden_file(real).read_text(), re.M)
@@ -81,9 +84,9 @@ M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 1
 M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
 M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
-# 20 MHz. In a processor with TrustZone, each memory has two addresses, a secure and a
-# non-secure one. These are the secure addresses, because the processor starts in the
-# secure state.
+# 20 MHz. In a processor with TrustZone, flash and RAM have two addresses each, a secure
+# and a non-secure one. The processor starts in the secure state, so these are the secure
+# addresses.
 M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)
 
 
@@ -133,7 +136,7 @@ class Machine:
         return "zig cc" if "ziglang" in self.cc else self.cc[0]
 
     def name_emulator(self) -> str:
-        """Return name, version and board of the emulator."""
+        """Return name, version and board of the emulator; "-" if there is no emulator."""
         if not self.run:
             return "-"
         board = f" {self.board.machine}" if self.board else ""
@@ -167,7 +170,8 @@ def make_cortex(
     )
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
     # A processor whose floating-point unit has float but not double computes double in
-    # software, as the M3 does. Double is therefore run on the M3 only.
+    # software, as the M3 does. A run in double would test the same code as on the M3, and
+    # is therefore skipped.
     leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
     return Machine(
         name,
@@ -289,8 +293,9 @@ def write_rows() -> str:
 def write_frames() -> str:
     """Return the recorded drive as the text of frames.h, with the CAN frames of each row.
 
-    A row is a period of 10 ms. scripts/dropin/can/control_loop.h has the format of the
-    frames. A row that the log lacks has no frames.
+    A line is FRAME(period, identifier, 8 bytes). `period` counts periods of 10 ms from
+    the start of the drive. If the drive has no row in a period, the period has no frames.
+    scripts/dropin/can/control_loop.h describes the bytes.
     """
     out, period, count = [], 0, 0
     scales = (
@@ -322,10 +327,10 @@ def write_frames() -> str:
 
 @dataclass
 class Work:
-    """A folder for builds, with the sources that all of them share."""
+    """A folder for builds. All builds in it use the same copy of the sources."""
 
     folder: Path
-    made: set[str] = field(default_factory=set)  # contains "sources" once they are written
+    made: set[str] = field(default_factory=set)  # {"sources"} after write_sources()
 
     def write_sources(self) -> Path:
         """Write the shared sources at the first call. Return their folder."""

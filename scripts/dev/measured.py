@@ -13,9 +13,9 @@ TSELAB = [sys.executable, "-m", "tselab"]
 PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
 ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PATHS}
 # Program that runs a command and prints its exit status, processor time and maximum
-# memory. The maximum that the system reports for a process includes the memory that its
-# parent had at the start. The parent is therefore this small program, not the script that
-# measures.
+# memory (ru_maxrss). On Linux, ru_maxrss of a new process starts at the memory of its
+# parent. The parent is therefore this small program. If the script that measures were the
+# parent, its own memory (pandas, numpy) could be reported as that of the command.
 LAUNCH = """
 import os, sys
 quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]

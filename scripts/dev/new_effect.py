@@ -4,16 +4,20 @@
     python3 scripts/dev/new_effect.py brake_pull --hook BODY --parameter arm --unit m \\
         --low -0.5 --high 0.5 --typical 0.01 0.05
 
-With the skeleton, everything builds, and two tests fail. The new test fails until you
+An effect is a deviation of a car from the plain model: here, a brake that pulls to one
+side. CONTRIBUTING.md, "Add an effect", explains each part of the skeleton.
+
+The library with the skeleton builds, but two tests fail. The new test fails until you
 write the formula. A test of the table of effects fails until the row names at least one
 look-alike, i.e. an effect that changes the same channels in a similar way.
-CONTRIBUTING.md, "Add an effect", explains each part. The option --hook selects the place
-in the model at which the new function is called. The simulator and the replay, which
-computes the motion for the inputs of a log, call the function. The filters do not call
-it. An effect with the hook CONSTANT influences the filters nevertheless, because it
-changes settings that the filters read. If the name exists or a value is not allowed,
-the script writes nothing, prints the reason and ends with exit code 2. It needs Python
-only.
+
+--hook selects the place in the model at which the new function is called. The simulator
+and the replay call the function. (The replay computes the motion of the car from the
+inputs in a log.) The filters do not call the function. Nevertheless, an effect with the
+hook CONSTANT influences the filters, because it changes settings that they read.
+
+If an effect NAME exists already or a value is not allowed, the script writes nothing,
+prints the reason and ends with exit code 2. It needs Python only.
 """
 
 import argparse
@@ -104,9 +108,9 @@ static void test_{id}_does_what_its_equation_says(void)
 
 
 def find_laws(hook: str) -> str:
-    """Return the file in src/model with the functions of the effects of this hook.
+    """Return the file in src/model to which the function of the effect is added.
 
-    The hook of an effect is the place in the model at which its function is called."""
+    `hook`: the place in the model at which the function is called."""
     return "effects_constant.h" if hook == "CONSTANT" else "catalogue.h"
 
 

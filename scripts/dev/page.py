@@ -9,16 +9,17 @@
         build the page as on a machine without npm: it reads CSV logs, but no Parquet logs
         and no vehicle files, and displays a message if the user opens such a file
     .venv/bin/python scripts/dev/page.py --ship
-        write docs/try.html, which is in git, for users without a compiler
+        write the page to docs/try.html. This file is in git, so that users need no
+        compiler
     .venv/bin/python scripts/dev/page.py --check
-        fail if docs/try.html was built from different sources
+        fail if the sources of the page have changed since docs/try.html was built
 
 clang and wasm-ld compile the library to WebAssembly. If they are missing, zig compiles it
-(scripts/setup.sh platforms). The page uses the same names, units and rules as tselab.
-Settings, ranges and structs are read from the library when the page opens. `npm ci`
-fetches a reader of Parquet and a reader of TOML, whose hashes are in
-docs/page/package-lock.json; the page contains their licences. The same sources and
-compiler give the same bytes.
+(scripts/setup.sh platforms). The names, units and rules with which the page reads and
+checks logs are copied from the Python sources of tselab. Settings, ranges and structs are
+read from the library when the page opens. `npm ci` fetches a reader of Parquet and a
+reader of TOML. docs/page/package-lock.json has the hashes of both, and the page contains
+their licences. The same sources and compiler give the same bytes.
 """
 
 import argparse
@@ -56,8 +57,8 @@ FLAGS = (
 # Linker options. The stack of the WebAssembly program has 262144 bytes, of which the
 # filter needs only 5 kB.
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")
-# Built-in example drive: double lane changes for 60 s. From 30 s on, ROAD reduces the
-# stiffness of all tyres to 70 % of nominal.
+# Built-in example: a drive of SECONDS [s] with double lane changes. ROAD is (time [s],
+# factor): from 30 s on, the stiffness of all tyres is 0.7 times the nominal one.
 DRIVE = "double-lane-change"
 SECONDS = 60.0
 ROAD = (30.0, 0.7)
@@ -135,7 +136,7 @@ def compute_digest() -> str:
 
 
 def read_shipped_digest() -> str:
-    """Return the hash of the sources that docs/try.html states; "" if there is none."""
+    """Return the hash of sources in docs/try.html; "" if the file or hash is missing."""
     found = (
         re.search(r'<meta name="sources" content="(\w+)">', SHIPPED.read_text(encoding="utf-8"))
         if SHIPPED.is_file()
@@ -238,7 +239,9 @@ def read_licence(package: Path) -> str:
 
 
 def make_example() -> dict[str, Any]:
-    """Return the driver's inputs of the built-in example. The page simulates its log."""
+    """Return the built-in example: inputs of the driver, settings, road, number of rows.
+
+    The page simulates the car with these inputs. The result is the log of the example."""
     import numpy as np
 
     from tse.library.core import Config

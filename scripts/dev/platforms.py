@@ -4,15 +4,17 @@
     python3 scripts/dev/platforms.py
         run all machines; write scripts/results/platforms.md
     python3 scripts/dev/platforms.py --short
-        run only the machines that differ most, in half a minute; the tests do the same
+        run a few machines that cover both byte orders, several word sizes and several
+        compilers: half a minute. The tests do the same
     python3 scripts/dev/platforms.py --only TEXT
         run machines with TEXT in their name; write no file
 
 The filter runs on a recorded drive. A machine passes if the hash of all bits of all
-outputs of all rows equals that in tests/replay/golden_<format>.csv. All machines run the
-default filter. Machines that are not emulated also run the particle filter, with each
-method of resampling. The script fails if a hash differs, or if the library compiles with
-flags with which it would give different bits. `scripts/setup.sh machines` lists missing
+outputs of all rows equals the hash in tests/replay/golden_<format>.csv. All machines run
+the default filter. Machines that are not emulated also run the particle filter, with each
+method of resampling. Some machines have compiler flags that change bits, such as x87
+arithmetic: there, the library must refuse to compile. The script fails if a hash differs,
+or if the library compiles where it must refuse. `scripts/setup.sh machines` lists missing
 tools. build/platforms.json keeps the result of each machine that has passed. A later call
 without --short uses this result if sources, compiler and flags have not changed, so that
 after an interruption only the remaining machines are run.
@@ -33,8 +35,9 @@ import machines as m
 
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
-# [bytes] stack of main() and the functions that it calls, in float at -O2: 4 476 for
-# tse_step(), the rest for settings and outputs. Double needs more.
+# [bytes] RAM of a microcontroller that must be left for the stack. Float at -O2 needs
+# 4 476 for tse_step(), the rest for settings and outputs in main(). Double needs more. It
+# gets more, because the stack may use all remaining RAM: 4 MB on boards that run double.
 STACK = 5_500
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\
@@ -67,8 +70,9 @@ class Result:
 def list_options(machine: m.Machine) -> list[str]:
     """Return the options with which the library is compiled for a machine.
 
-    A microcontroller gets the default filter only, with the smallest buffer for late
-    channels.
+    Effects are always left out. Microcontrollers have only the default filter. For
+    channels that arrive late, they keep 8 rows, the minimum. Machines without an emulator
+    run all filters (ALL_FORMS).
     """
     if machine.board:
         without = ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE"]
@@ -134,9 +138,8 @@ def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
 def list_results(only: str, short: bool) -> list[Result]:
     """Return a Result without a verdict for each machine and format to run.
 
-    Emulated machines come first, so that their failures are seen first: only this script
-    tests emulated machines. The presets of CMake also test the compilers of this
-    computer."""
+    Emulated machines come first, so that their failures are seen first. Only this script
+    tests emulated machines. This computer is also tested by the presets of CMake."""
     out = []
     for machine in sorted(m.list_machines(), key=lambda x: not x.run):
         for real in m.read_formats():
@@ -178,7 +181,9 @@ def run_missing(work: m.Work, results: list[Result], again: bool) -> Iterator[Re
 
 
 def list_flags(machine: m.Machine) -> list[str]:
-    """Return those compiler flags of a machine that the table of results shows."""
+    """Return the compiler flags of a machine for the table of results.
+
+    -I, -D, and flags that all similar machines have, such as -mthumb, are left out."""
     return [
         f
         for f in machine.flags
@@ -225,7 +230,7 @@ def main() -> int:
     """Run the filter on the machines, write the table of verdicts, print failures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--short", action="store_true", help="run only the machines that differ most, each in some formats"
+        "--short", action="store_true", help="run only a few, very different machines, each in some formats"
     )
     parser.add_argument(
         "--only", default="", metavar="TEXT", help="run only machines with TEXT in their name; write no file"

@@ -20,7 +20,8 @@ WIDTH = 90
 LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # files in these folders are generated
 ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")  # start of a list item
 ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")  # code, link or formula, or a character
-# words that Markdown would read as markup at the start of a line
+# Words that must not begin a line, because Markdown would read them as markup there: "-"
+# begins a list, "#" a heading. No line is broken before such a word.
 MARKUP = re.compile(r"(?:[-+*]|#{1,6}|\d+[.)]|=+|!!!|\?{3}|:::)$|[>|]|~~~|```")
 WHOLE = re.compile(
     r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)"

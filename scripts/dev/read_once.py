@@ -3,9 +3,9 @@
     .venv/bin/python scripts/dev/read_once.py [--count N] [--seed N] [--skip SEED ...]
 
 Prints N places of the sources, each with the lines of code around it. The reader says in
-one sentence what each text means, and whether it had to be read twice. --skip names the
-seeds of earlier calls, whose places are left out. The script draws these places again, so
---count must be the same as in the earlier calls, and the sources must be unchanged.
+one sentence what each text means, and whether it had to be read twice. --skip leaves out
+the places that earlier calls with these seeds have drawn. To find them, the script draws
+them again, so --count and the sources must be the same as in the earlier calls.
 """
 
 import argparse
@@ -22,7 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("include", "src", "fmu", "scripts")  # folders from which texts are drawn
 SHORTEST = 40  # min number of characters of a text; shorter texts are too easy
 AROUND = 6  # number of lines of code that are shown after a text
-ERRORS = re.compile(r"(Error|note|warn|print|say)$")  # functions that make a message
+# end of the name of a function or exception that makes a message: print, ValueError, ...
+ERRORS = re.compile(r"(Error|note|warn|print|say)$")
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,9 @@ def find_c_comments(path: Path, text: str) -> Iterator[Place]:
 
 
 def find_hash_comments(path: Path, text: str) -> Iterator[Place]:
-    """Yield the comments of a Python file. Adjacent lines of comment are one comment."""
+    """Yield the comments of a Python file.
+
+    A line that has only a comment belongs to the comment on the line above it, if any."""
     name = str(path.relative_to(ROOT))
     lines = text.splitlines()
     starts: list[tuple[int, int, int]] = []
@@ -84,7 +87,9 @@ def find_docstrings_and_messages(path: Path, text: str) -> Iterator[Place]:
 
 
 def find_places() -> list[Place]:
-    """Return every comment, docstring and message, in the order of the files."""
+    """Return every comment, docstring and message of all files.
+
+    C files come first, then Python files, both in alphabetical order."""
     found: list[Place] = []
     for path in list_files(".c", ".h"):
         found += find_c_comments(path, path.read_text(encoding="utf-8"))

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-WHEELS = {  # platform tag of a wheel: target of zig
+WHEELS = {  # key: platform tag of a wheel; value: name of this platform for zig
     "manylinux_2_17_x86_64.manylinux2014_x86_64": "x86_64-linux-gnu.2.17",
     "manylinux_2_17_aarch64.manylinux2014_aarch64": "aarch64-linux-gnu.2.17",
     "win_amd64": "x86_64-windows-gnu",
@@ -56,18 +56,20 @@ class Release:
     tags: Sequence[str]  # platform tags of the wheels to build
 
     def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
-        """Run a command in the folder of the exported commit. Return its output.
+        """Run a command in the folder `cwd`. Return its output.
 
-        Tools write the time of the commit into files (SOURCE_DATE_EPOCH). Variables of
-        the caller that change a build are removed.
+        `cwd`: None is the folder of the exported commit. `environment`: more variables.
+        The environment of the command has SOURCE_DATE_EPOCH, so that tools write the time
+        of the commit into files. It lacks CMAKE_*, SKBUILD_*, CFLAGS* and LDFLAGS* of the
+        caller, because these would change a build.
 
         Raises
         ------
         Failed
             The exit code is not 0.
         """
-        # This cache is kept for later releases, because zig needs a minute to compile the
-        # C library of a platform.
+        # The cache of zig is not in the exported folder, so that later releases use it
+        # again. Without it, zig needs a minute to compile the C library of a platform.
         cache = str(ROOT / "build" / "zig-cache")
         env = {
             k: v
@@ -220,7 +222,7 @@ def run_git(*arguments: str) -> str:
     Raises
     ------
     Failed
-        git is not installed, or its exit code is not 0.
+        git is not installed, or the exit code of git is not 0.
     """
     try:
         done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)

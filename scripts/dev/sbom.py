@@ -1,8 +1,10 @@
 """Make the software bill of materials of a release: CycloneDX 1.6, as JSON.
 
-scripts/dev/release.py calls this module. The bill lists the files of the release with
-their hashes, the sources of third parties in these files, and the Python packages that
-tse requires at run time, with their versions in scripts/lock.txt and their dependencies.
+scripts/dev/release.py calls this module. The bill lists:
+ - the files of the release, each with its SHA-256;
+ - the FMI headers, which are third-party sources in the FMUs;
+ - the Python packages that tse and tselab require at run time, directly or through other
+   packages, each with its version in scripts/lock.txt.
 The C library requires the C standard library only.
 """
 
