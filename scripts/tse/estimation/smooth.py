@@ -58,8 +58,8 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
     """Return, for each stiffness, the part of its variance that further measurements do
-    not reduce, divided by the square of the stiffness. This part is caused by model error
-    and by uncertain parameters of the car.
+    not reduce, divided by the square of the stiffness in the last used row. This part
+    is caused by uncertain parameters of the car and by model error (setting model_sd).
 
     Parameters
     ----------
@@ -68,15 +68,16 @@ def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str,
     config : Config
         Settings of the run.
     parts : mapping
-        Uncertain parameter -> sds that it causes in the three stiffnesses, relative to
-        the nominal stiffness: the result of Filter.uncertainty_sd() after the last row.
+        Setting such as mass_sd or model_sd -> sds that this uncertainty causes in the
+        three stiffnesses, relative to the nominal stiffness: the result of
+        Filter.uncertainty_sd() after the last row.
 
     Returns
     -------
     dict
-        Stiffness -> relative variance. Empty if no row was used. Also empty for particle
-        filters, because their stiffness is not a random walk and cannot be smoothed by
-        smooth_backward().
+        Stiffness -> relative variance. Empty if all rows were refused (status below 0).
+        Also empty for particle filters, because their stiffness is not a random walk and
+        cannot be smoothed by smooth_backward().
     """
     used = np.flatnonzero(table["status"].to_numpy() >= 0)
     if config.form or not len(used):
@@ -98,7 +99,8 @@ def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) ->
     key : str
         Key of the stiffness in STIFFNESS.
     config : Config
-        Settings of the run. Only steady_walk is used, the sd of the random walk in 1 s.
+        Settings of the run. Only steady_walk [1/sqrt(s)] is used: the sd by which ln of
+        the stiffness changes in 1 s (random walk).
     part : float
         Part of the relative variance that is common to all rows, so that smoothing does
         not reduce it (compute_fixed_parts()).

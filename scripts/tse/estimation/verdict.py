@@ -52,17 +52,19 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# If a stiffness has one of these reasons in the last row of a log, Verdict.level is at
-# most "partly"
+# If a stiffness is not valid for one of these reasons in the last row of a whole log,
+# Verdict.level is not "good", but "partly" or "none"
 AT_FAULT = ("sensor fault", "implausible")
 # If a stiffness is not valid for one of these reasons, the text of the verdict states its
 # sd, and the limit that the sd exceeds
 LIMITED = ("uncertain", "parameters uncertain")
-# If a log has at least MANY_CHANGES changes, and the mean time between them is below
-# CHANGE_INTERVAL [s], a remark says that the changes are implausible. A road does not
-# change so often, so probably a channel or the vehicle file is wrong.
+# If the filter finds at least MANY_CHANGES changes of the stiffness in a log, and their
+# mean interval is below CHANGE_INTERVAL [s], a remark says that they are implausible.
+# Road and tyres do not change so often, so probably a channel or the vehicle file is
+# wrong.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
-# The noise of a channel is reported if its estimate exceeds this factor times its setting
+# A remark names a channel if the estimated sd of its noise is more than NOISY times the
+# sd in the settings
 NOISY = 1.25
 # Entries of the reason columns of EST.csv in rows in which the filter does not check
 # whether the channels agree
@@ -102,20 +104,23 @@ class Verdict:
 
     key: str
     name: str
-    level: str  # how far the stiffness is usable: good, partly, none
+    # "none": the share of valid rows is below MIN_VALID, or the reason is CONTRADICTED.
+    # "good": at least 30 % of the rows are valid, and the last row of a whole log has no
+    # reason of AT_FAULT. "partly": all other cases
+    level: str
     unit: str
-    # Value at the end of the stretch of road; with a particle filter, the median over the
-    # valid rows
+    # Estimate in the last valid row of the log or stretch, with exceptions for particle
+    # filters and for too few valid rows (_make_verdict())
     value: float
     band: float  # half of the 95 % interval
-    # sd of the stiffness from sample to sample, as a share of the value. Only the
-    # particle filters estimate it. NaN with the default filter, and if the log does not
-    # suffice to estimate it
+    # sd of the process noise of the stiffness in one sample / `value`. Only particle
+    # filters estimate it. NaN with the default filter, and if the sd is estimated in less
+    # than half of the valid rows
     spread: float
     nominal: float  # value in the vehicle file
     valid: float  # share of the rows that are valid
-    reason: str  # the most frequent reason of the rows that are not valid
-    reason_share: float  # share of the rows that have this reason
+    reason: str  # most frequent reason of the rows that are not valid; "" if all are valid
+    reason_share: float  # number of rows with this reason / number of all rows
     text: str
     smoothed: float = float("nan")  # smoothed stiffness over the stretch or log (smooth.py)
     smoothed_band: float = float("nan")  # half of the 95 % interval of `smoothed`
@@ -310,8 +315,9 @@ def _name_contradiction(row: pd.Series) -> str:
 
 
 def list_contradictions(table: pd.DataFrame) -> list[str]:
-    """Return a list with one sentence on the intervals in which the channels contradict
-    each other. The list is empty if there is no such interval."""
+    """Return a list with a single sentence. It says how often the channels contradict
+    each other, and describes the first such interval. The list is empty if the channels
+    never contradict each other."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = estimate_times(table), []
     for first, after in find_spans(time, rows):
@@ -327,7 +333,7 @@ def list_contradictions(table: pd.DataFrame) -> list[str]:
 
 def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
     """Return the driving time [s] from the start of the log to each row. `drives` is True
-    for rows that count as driving (comment on MIN_IMPLAUSIBLE)."""
+    for driven rows: rows without a reason of STILL."""
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
@@ -384,8 +390,9 @@ def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
     than UNLIKELY prior sds. Otherwise return an empty list.
 
     lag_steer is the estimated lag of the steering that remains after the log is corrected
-    by the latencies of the vehicle file. Its prior mean is the delay of steering and IMU
-    in the vehicle file. If lag_steer is smaller, the angle is logged too late."""
+    by the latencies of the vehicle file. Its prior mean is the sum of steering delay and
+    IMU delay in the vehicle file. If the angle is logged later than the file says, the
+    motion follows the logged angle sooner, so lag_steer is below its prior mean."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -438,8 +445,9 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
 
     A particle filter gives a row less weight the older it is, so its estimate in a single
     row does not represent the log. With a particle filter, the value for a whole log is
-    therefore the median over the valid rows. If the stiffness changed in between, the
-    median describes neither value, and the estimate in the last valid row is used."""
+    therefore the median over the valid rows. But if the stiffness changed between the
+    first and the last valid row, a median would mix the old and the new stiffness. Then
+    the value is again the estimate in the last valid row."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -525,8 +533,9 @@ def list_other_quantities(table: pd.DataFrame, config: Config) -> list[Quantity]
 
 
 def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
-    """Return the grip in the last valid row, or in the last used row if no row is valid.
-    Return None if grip is not estimated."""
+    """Return the verdict on the grip: the estimate in the last valid row, or in the last
+    used row if no row is valid. Return None if the grip is not estimated (grip_sd is 0),
+    or if all rows were refused."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
     rows = np.flatnonzero(valid if valid.any() else _is_used(table))
     if not config.grip_sd > 0 or not len(rows):

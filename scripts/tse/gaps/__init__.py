@@ -6,5 +6,5 @@ such as roll steer or a delay. Two modules of this folder do the basic work: pro
 compares simulation and measurement, and fit.py fits parameters. catalogue.py lists the
 effects. The subfolders use these modules:
     infer    infer which effect or formula is missing, judged by held-out pieces of logs
-    run      run the workflow, check and plan, and write their results
+    run      run `tselab gap`, `tselab gap check` and `tselab gap plan`; write the results
 """

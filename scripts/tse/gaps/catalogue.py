@@ -1,4 +1,5 @@
-"""The catalogue of effects, with the data that fits need: limits, typical sizes, priors.
+"""The catalogue of effects. For each parameter of an effect, it has what a fit must know:
+limits, typical size, prior.
 
 An effect is a property of the car, a sensor or the road that the simulation can include,
 such as roll steer or a delay. The library provides the effects from
@@ -42,9 +43,9 @@ def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
 class CatalogueParameter:
     """One parameter that can be fitted: a stiffness, or a parameter of an effect.
 
-    A strength is a size of an effect. If all strengths of an effect are 0 (or have their
-    defaults), the effect is off. A shape is any other parameter of an effect, such as a
-    time constant. It has no influence while the effect is off.
+    A strength is a parameter that states the size of an effect. If all strengths are 0,
+    the effect is off. A shape is any other parameter of an effect, such as a time
+    constant. It has no influence while the effect is off.
     """
 
     # name of the setting that holds the parameter, or key (class Own) of a value of a
@@ -53,6 +54,8 @@ class CatalogueParameter:
     key: str  # name within the effect, without the id of the effect
     strength: bool  # True for a strength, False for a shape
     unit: str
+    # For a strength of an effect, the value without the effect: 0, or the value in the
+    # vehicle file if the file states an sd of the parameter (hypotheses.apply_priors())
     default: float
     low: float
     high: float
@@ -93,7 +96,8 @@ class Effect:
     channels: str  # description of the channels in which the effect is visible
     relatives: tuple[str, ...]  # ids of effects that are hard to distinguish from this one
     parameters: tuple[CatalogueParameter, ...]
-    # how often cars have the effect: column `occurrence` of src/tables/effects.toml
+    # Class that determines the prior probability that a car has the effect, e.g.
+    # EVERY_CAR, SOME_CARS or SENSOR (error of a sensor): src/tables/effects.toml
     occurrence: str = "SENSOR"
     # Title that replaces `title` if the fitted strength is below early_below. A strength
     # below this limit does not come from the car, but from a latency of messages or a low

@@ -23,7 +23,9 @@ from tse.gaps.infer.space import REACH
 from tse.gaps.problem import Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
 
-ROAD_WAVELENGTH = 400.0  # [m] wavelength of the sinusoidal road profile that represents all profiles
+# [m] For bank and grade, the smallest visible size is the rms of a sinusoidal profile of
+# this wavelength
+ROAD_WAVELENGTH = 400.0
 
 
 @dataclass(frozen=True)

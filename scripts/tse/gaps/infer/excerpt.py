@@ -2,11 +2,11 @@
 formulas are searched for in the excerpt only, and the result is then fitted to the whole
 logs.
 
-The information matrix of a stretch is J'J / sd^2. The columns of J are the partial
-derivatives of the residuals with respect to stiffness and every effect of the catalogue,
-computed for the model without effects and multiplied by the prior sds. The residuals of
-this model are one more column of J. So a stretch also counts as informative if the model
-does not explain it.
+The information matrix of a stretch is J'J / ENTRY_SD^2, where ENTRY_SD is the assumed sd
+of the residuals. The columns of J are the partial derivatives of the residuals with
+respect to stiffness and every effect of the catalogue, computed for the model without
+effects and multiplied by the prior sds. The residuals of this model are one more column
+of J. So a stretch also counts as informative if the model does not explain it.
 
 The stretches are chosen one by one. The next stretch is always the one that most
 increases ln det of the sum of the information matrices (a Bayesian D-optimal design,
@@ -29,9 +29,10 @@ from tse.gaps.problem import STIFFNESS_PARAMETERS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
-# [s] Length of the pieces into which logs are cut, and from which the most informative
-# are chosen: one or two manoeuvres. In the first BURN_IN of each piece, simulation and
-# measurement are not compared, because the initial state is unknown.
+# [s] Length of the pieces into which logs are cut. It is the time of one or two
+# manoeuvres. The excerpt consists of the most informative pieces. In the first BURN_IN of
+# each piece, simulation and measurement are not compared, because the initial state is
+# unknown.
 EXCERPT_PIECE_TIME = 15.0
 # Assumed sd of the residuals in the information matrix of a piece, in units of the noise
 # of the residuals. It is far above 1, because residuals also contain the errors of the

@@ -1,5 +1,6 @@
-"""Search for a formula that explains the residuals left by the named effects, and for the
-place of the model at which the formula acts, such as the yaw moment.
+"""Search for a formula that explains the residuals that remain with the named effects,
+and for the place of the model at which the formula acts, such as the yaw moment. Named
+effects are those that the search for effects reported as missing in the vehicle file.
 
 A form is a formula without its coefficient (formula_terms.py). All forms at all places
 are first compared in a linearised model. Those with the largest expected gain are then
@@ -52,15 +53,15 @@ PER_PLACE = 3  # max number of candidates that add to the same quantity of the m
 # expected from sensor noise.
 MAX_WORSE = 100.0
 MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
-# A formula is not proposed if it increases the residual rms of a channel of the held-out
-# logs by more than this share, with the whole 95 % interval of the increase above it
+# A formula is not proposed if it makes a channel worse in the held-out logs: if the whole
+# 95 % interval of the relative increase of the channel's residual rms is above MIN_HARM
 MIN_HARM = 0.01
 MAX_FORM_EVALUATIONS = 15  # max number of evaluations of the residuals in one fit
 # number of forms, i.e. of formulas without coefficient, that are compared at a time. It
 # limits the memory that is needed.
 FORMS_AT_A_TIME = 64
-# [%] The range that a signal had in the logs is stated with a formula. It extends from
-# percentile HALF of the signal to percentile 100 - HALF.
+# [%] A proposed formula is reported together with the range of each of its signals in the
+# logs: from percentile HALF to percentile 100 - HALF
 HALF = 0.5
 
 
@@ -78,7 +79,7 @@ class Discovery:
     nats: float = 0.0  # [nat] gain in ln likelihood by the formula, minus `price`
     share: float = 0.0  # share of the gap without a formula (Frame.full) that the formula closes
     price: float = 0.0  # [nat] penalty for the length of the formula (compute_price())
-    # name of a number of the formula -> lower and upper limit of the fitted number
+    # name of a number of the formula -> lower and upper bound of this number in the fit
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     # channel -> change of the residuals of the held-out logs by the formula
     changes: dict[str, ChannelChange] = field(default_factory=dict)
@@ -107,7 +108,8 @@ class Frame:
     last: Fit  # the fit without a formula
     values: dict[str, float]  # fitted values of the parameters in `last`
     length: dict[str, float]  # result of compute_correlation_lengths()
-    at: list[dict[str, np.ndarray]]  # result of compute_signals()
+    # for each log: name of a signal -> its simulated values (compute_signals())
+    at: list[dict[str, np.ndarray]]
     # gap without a formula, from compute_excess(). The share of the gap that a formula
     # closes is a share of this gap.
     full: float
@@ -156,18 +158,21 @@ def compute_worth(
 
 
 def compute_price(term: FormulaTerm) -> float:
-    """Return the price [nat] of a formula: PRICE times the sum of the length of its form,
-    the number of numbers in the form, and 1 for the coefficient."""
+    """Return the price [nat] of a formula: PRICE times the sum of the length of its form
+    (1 + number of operators and opening parentheses), the number of numbers in the form,
+    and 1 for the coefficient."""
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
 def discover_formula(
     problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
-    """Find the formula that explains most of the residuals of a fit.
+    """Find the formula that best explains the residuals of a fit.
 
-    `last` is the fit of `problem` with all named effects. `held` has the held-out logs,
-    which decide whether a formula is proposed. If there are no held-out logs, it is None.
+    `last` is the fit of `problem` with all named effects, i.e. those that the search for
+    effects reported as missing in the vehicle file. `held` has the held-out logs, which
+    decide whether a formula is proposed. None: there are no held-out logs.
+
     Each of the FITTED candidates needs about ten simulations of all logs. All candidates
     together take about a minute if the logs are a few minutes long.
     """
@@ -188,9 +193,9 @@ def discover_formula(
 def _list_places(problem: Problem) -> list[str]:
     """Return the places of the model at which a formula can be fitted to these logs.
 
-    At the places of terms.LATERAL, such as the yaw moment, this needs accel_y and
-    yaw_rate in the logs. A place can also be the output of a sensor, such as accel_x. The
-    logs then need the channel of this sensor.
+    At the places of terms.LATERAL, such as the yaw moment, a formula can be fitted only
+    if the logs have accel_y and yaw_rate. At the output of a sensor, such as accel_x, it
+    can be fitted only if the logs have the channel of this sensor.
     """
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()

@@ -44,10 +44,12 @@ SMALLER_SD = 0.7
 # prior sd of ln(size) above the typical range. 0.35 is (ln 2) / 2: an effect of twice the
 # largest typical size, which hardly any car has, is 2 sd above the range.
 LARGER_SD = 0.35
-# prior sd of ln(size) below the typical range if this range is a single value, because a
-# car either has such an effect in full or does not have it
+# prior sd of ln(size) below the typical range if this range is a single value. It is
+# small, because a car either has such an effect in full or does not have it.
 SWITCH_SD = 0.15
-# min probability of a named effect, so that less than one in 10 named effects is wrong
+# An effect is named, i.e. reported as missing in the vehicle file, if the effect or one
+# that explains the logs in its place is missing with at least this probability. So at
+# most one in 10 reports is wrong.
 NAME_AT = 0.9
 # [nat] Reduction of the evidence for an effect, because its size is not known in advance
 # but must be fitted. The value holds if the posterior sd of the size is about 1 % of the
@@ -207,9 +209,9 @@ def compute_threshold(effects: int) -> float:
 
     `effects` is the number of candidates: effects that the model may lack. The prior mean
     of the number of missing effects is EXPECTED, so each candidate is missing with the
-    prior probability EXPECTED / effects. The ratio must outweigh these odds and raise the
-    probability to NAME_AT. It is the sum of ln of the prior odds against the effect, ln
-    of the odds of NAME_AT, and SIZE_COST.
+    prior probability EXPECTED / effects. The returned ratio is the sum of three terms: ln
+    of the prior odds against the effect; ln of the odds of the probability NAME_AT; and
+    SIZE_COST, the evidence that is lost because the size of the effect must be fitted.
     """
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
@@ -236,8 +238,9 @@ def compute_ln_normal(x: float, mean: float, sd: float) -> float:
 
 
 def choose_start(p: CatalogueParameter) -> float:
-    """Return the value at which a fit starts: 0.3 times the typical size for a strength,
-    the middle of the typical range for a shape.
+    """Return the value at which the fit of a parameter starts. For a strength, it is the
+    default plus 0.3 times the typical size with the plausible sign (plus if both signs
+    are plausible). For a shape, it is the prior mean (fit_prior()).
     """
     if not p.strength:
         return fit_prior(p)[0]

@@ -1,10 +1,10 @@
-"""Name the missing effects, and state size, probability and look-alikes of each. These
-follow from the sets of effects whose evidence the search has computed (search.py).
+"""Name the missing effects, and state the size, probability and look-alikes of each. All
+of this is computed from the sets of effects that the search has judged (search.py).
 
-A named effect is one that is reported as missing in the vehicle file. Look-alikes of it
-are effects that explain the logs about as well. The gap is the sum of squared residuals
-minus the sum expected from sensor noise (fit.compute_excess()). Names and sizes come from
-the fitted logs only. Held-out logs are not used.
+A named effect is one that is reported as missing in the vehicle file. A look-alike
+explains the logs about as well as the named effect. The gap is the sum of squared
+residuals minus the sum expected from sensor noise (fit.compute_excess()). Names and sizes
+come from the fitted logs only. Held-out logs are not used.
 """
 
 from __future__ import annotations
@@ -27,13 +27,16 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# In other sets of effects, other effects can replace a named effect. Such an effect is
-# reported as a look-alike if its probability is at least ALIKE_AT times the probability
-# that the named effect or any of its replacements is missing. The factor is small,
-# because the evidence has an error of about 2 nats. For example, the evidence for mass
-# and that for yaw inertia differ by 2 nats, although no log can distinguish them.
+# The search computes the probability of many sets of effects. An effect B replaces a
+# named effect A if B is not in the most probable set, and if a set contains B but not A.
+# B is reported as a look-alike of A if the sum of the probabilities of such sets is at
+# least ALIKE_AT times the probability that A, or any effect that replaces A, is missing.
+# The factor is small, because the evidence has an error of about 2 nats. For example, the
+# evidence for mass and that for yaw inertia differ by 2 nats, although no log can
+# distinguish mass from yaw inertia.
 ALIKE_AT = 0.02
-POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
+# An effect that is not named is reported as possible if its probability is at least this
+POSSIBLE_AT = 0.1
 # The gap is the sum of squared residuals minus the sum expected from sensor noise. A
 # named effect must close at least MIN_CLOSED of the gap that the other named effects
 # leave. A road profile must close at least MIN_CLOSED of the gap of the channel in which
@@ -122,9 +125,11 @@ class Naming:
     possible: list[dict]
     sets: list[dict]  # the most probable sets of effects: ids of the effects, and probability
     converged: bool  # True if the last fit has converged
-    # Covariance of ln stiffness between the sets of effects, weighted by their
-    # probability, about the stiffness of the named set. It adds to the uncertainty of the
-    # stiffness, because sets that explain the logs equally well may differ in it.
+    # Covariance matrix of ln stiffness due to the choice of the set of effects: the mean
+    # of d d' over all sets, weighted by their probabilities. d is ln stiffness fitted
+    # with a set, minus ln stiffness fitted with the named set. The matrix adds to the
+    # uncertainty of the stiffness, because sets that explain the logs equally well may
+    # have different stiffness.
     spread: np.ndarray = field(
         default_factory=lambda: np.zeros((len(STIFFNESS_PARAMETERS), len(STIFFNESS_PARAMETERS)))
     )
@@ -176,9 +181,9 @@ def name_effects(
     full = compute_excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
-        # The sizes come from a fit of the named effects only (`sized`). The widths of the
-        # intervals come from `final`. In that fit, all other effects may have sizes up to
-        # about their negligible size, so the intervals include the influence of these.
+        # The sizes come from `sized`, a fit of the named effects only. The widths of the
+        # intervals come from `final`, a fit in which any effect without a name may reach
+        # about its negligible size. So the widths include the influence of such effects.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.compute_sd())}
@@ -208,8 +213,11 @@ def name_effects(
 
 
 def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
-    """Return the result with only the effects `kept` named, and fitted again. The other
-    named effects become possible effects, with `why` as the reason.
+    """Fit the effects `kept` again, and return the result in which only these are named.
+
+    The other named effects become possible effects with the reason `why`. An effect of
+    `kept` that is negligible in the new fit becomes a possible effect with the reason
+    SMALL. Effects with a probability below POSSIBLE_AT are not reported at all.
     """
     left = _refit_names(problem, naming, kept, naming.baseline)
     stay = {n.effect.id for n in left.named}
@@ -225,8 +233,8 @@ def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str)
 def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
     """Fit the named effects, which were found in an excerpt of the logs, to all logs.
 
-    `problem` has all logs. `baseline` is the result of fit_plain_car() for them on level
-    roads.
+    `problem` has all logs. `baseline` is the result of fit_plain_car() for all logs on
+    level roads.
     """
     return _refit_names(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
@@ -332,9 +340,9 @@ class Probability:
     def in_place(self, effect: str) -> dict[str, float]:
         """Return the effects that replace `effect` in other sets, as id -> probability.
 
-        Another effect replaces `effect` if it is not in the best set, but in a set
-        without `effect`. The probability of the replacing effect is the sum of the
-        probabilities of all sets that contain it and do not contain `effect`.
+        Effect B replaces `effect` if B is not in the best set, and if a set contains B
+        but not `effect`. The probability of B is the sum of the probabilities of all sets
+        that contain B but not `effect`.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -454,8 +462,9 @@ def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit
 def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Return fitted values as settings of a vehicle file.
 
-    Negative delays and latencies of messages are converted to latencies of channels.
-    Parameters of the road are left out, except superelevation.
+    A negative delay of steering or IMU becomes the delay 0 and latencies of channels.
+    Latencies of messages become latencies of channels, too. Parameters of the road are
+    left out, except superelevation.
     """
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)
