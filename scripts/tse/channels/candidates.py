@@ -22,8 +22,7 @@ from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # max number of signals that are listed for one channel
 MIN_VALUES = 4  # a signal with fewer values is rejected without a further test
-# role, i.e. quantity that a signal may measure -> kind of unit that the signal must then
-# have, in the words of a message
+# role, i.e. quantity that a signal may measure -> kind of its unit, as named in messages
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -36,7 +35,7 @@ WANTED_KIND = {
 def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
-    """Return the nearest signals of each missing channel, and why each was rejected.
+    """Return the signals nearest to each missing channel, and why each was rejected.
 
     The nearest signals are the MAX_CANDIDATES signals with the highest scores of
     _score_candidate(). Signals with the score 0 are left out.
@@ -57,8 +56,8 @@ def find_nearest_candidates(
     Returns
     -------
     dict of str to list of str
-        For each missing channel a list of "signal: reason". If no signal has a similar
-        name or the unit of the channel, the list has one string that states this.
+        For each missing channel a list of "signal: reason". If all signals have the score
+        0, the list has one string that states this.
     """
     used = {n: g.channel for g in guesses for n in g.name}
     found: dict[str, list[str]] = {}
@@ -77,13 +76,14 @@ def find_nearest_candidates(
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return a score of how well name and unit of a signal fit a role, i.e. the quantity
-    that it may measure; 0: not at all.
+    """Return a score of how well the name and the unit of a signal fit a role, i.e. the
+    quantity that a missing channel needs; 0: not at all.
 
-    The score is the score of the name, at most 3 (vocabulary.py), plus 1 if the unit fits
-    the role. `axle`: axle of the missing channel, "front" or "rear", if the role is
-    "wheel". A wheel of the other axle then has the score 0, and a speed whose name does
-    not state the wheel has 0.6."""
+    The score is that of the name, at most 3 (vocabulary.py), plus 1 if the unit fits the
+    role. A signal whose name describes only another quantity has the score 0. Exceptions
+    for the role "wheel": a wheel of the wrong axle has the score 0, and a speed signal
+    whose name states no wheel has 0.6 if its unit fits, otherwise 0. `axle`: "front" or
+    "rear", the axle of the missing channel; "" for other roles."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -97,14 +97,12 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern of the role whether the name of a signal may match it
-    although the name has a negative score for the role.
+    """Return for each pattern of a role whether the name of the signal `c` may match it,
+    although the name also has a word for a different quantity.
 
-    A negative score means that the name matches a pattern, but also has a word for a
-    different quantity. score_name() then subtracts 4 from the score of the pattern, and
-    0.2 more if only the name with its topic and message matches. The result is the score
-    of the pattern minus 4.2, or more. The limit used here is 0.1 lower, as a margin for
-    rounding errors. `c`: the signal."""
+    For such a name, score_name() subtracts 4 from the score s of the pattern, and in some
+    cases another 0.2. The score of the name is then negative, and at least s - 4.2. The
+    limit is s - 4.3, with a margin of 0.1 for rounding errors."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

@@ -18,15 +18,19 @@ ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather"
 CORRELATION_RATE = 10.0  # [Hz] sampling rate at which signals are correlated
 CORRELATION_MEAN = 0.5  # [s] length of the moving mean of signals before the correlation
 MIN_SHIFT = 0.5  # [s] a smaller shift is a latency, found by find_latencies()
-# [1] min ratio of the overlap of two shifted signals to the length of the shorter one
+# [1] A shift is only accepted if the overlap of the shifted signals is at least this
+# share of the duration of the shorter signal.
 MIN_SHARED = 0.6
 # [1] A shift is only accepted if the correlation of the two signals after the shift is at
 # least MIN_SHIFT_CORR, and MIN_CORR_GAIN higher than without the shift.
 MIN_SHIFT_CORR = 0.8
 MIN_CORR_GAIN = 0.15
-# max number of values of a signal that are correlated: 1.8 h at CORRELATION_RATE
+# Only the first MAX_CORRELATED_ROWS resampled values of a signal are correlated: 1.8 h at
+# CORRELATION_RATE.
 MAX_CORRELATED_ROWS = 1 << 16
-MIN_GROUP_SAMPLES = 100  # min number of values of a group; a smaller group is not aligned
+# A group with fewer time stamps is not aligned. A signal with fewer values is not
+# correlated.
+MIN_GROUP_SAMPLES = 100
 # [s] A signal is not correlated if it lasts longer than MAX_SIGNAL_SPAN (11 days), or if
 # |first time| exceeds MAX_SIGNAL_TIME (3000 years). Such times are errors of the log.
 MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
@@ -140,8 +144,8 @@ def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
 def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
     """Return the best score of a channel name for a role, and the channel that has it.
 
-    The role is a quantity that a signal may measure, e.g. yaw_rate. If no name has a
-    score of at least 1, i.e. possibly describes the role, return (0, None)."""
+    The role is a quantity that a signal may measure, e.g. yaw_rate. A name with the score
+    1 possibly describes the role. If all scores are below 1, return (0, None)."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
@@ -203,8 +207,8 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
     """Return the time [s] by which the clock of `b` is ahead of the clock of `a`, and the
     correlation at this shift.
 
-    A signal of `a` is correlated with a signal of `b` that is shifted by this time.
-    Return None if the clocks agree, or if no pair of signals correlates well enough."""
+    The time follows from the pair of signals, one of `a` and one of `b`, with the highest
+    correlation. Return None if the clocks agree, or if no pair correlates well enough."""
     mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (
@@ -228,10 +232,12 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Correlate two signals at all shifts.
+    """Correlate two signals at all lags.
 
-    Return the shift of max correlation [s], the correlation at this shift, and the
-    correlation without shift. `one`, `two`: (start time [s], values) of each signal."""
+    Return the lag [s] of `two` behind `one` at which |correlation| is highest, this
+    |correlation|, and |correlation| at the lag 0. Lags with too little overlap (see
+    MIN_SHARED) have |correlation| 0. `one`, `two`: (start time [s], values) of each
+    signal."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
@@ -254,7 +260,7 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     # Interpolate the shift by the parabola through the max correlation and its two
     # neighbours. `between`: [steps] distance of the vertex from the max.
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    # sample i of a corresponds to sample i + k of b
+    # at the highest |correlation|, sample i of a corresponds to sample i + steps[k] of b
     lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0

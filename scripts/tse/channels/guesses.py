@@ -22,8 +22,8 @@ from tse.readers.table import find_unit_suffix
 
 BY_SIZE = "by its size"  # source of a unit that neither the log nor the name states
 # [rad] There is a warning if the IMU is turned about the vertical axis by more than this.
-# A smaller angle causes an error of about 1 % in accel_y, and tselab calibrate estimates
-# the angle.
+# accel_y is then a_y cos(angle) + a_x sin(angle). A smaller angle needs no warning: the
+# cosine is above 0.99, and tselab calibrate estimates the angle.
 MIN_MOUNTING = 0.12
 # Prior of the unit of a steering angle, used if a log has too few bends for a test. Key:
 # (unit, True for the angle of the steering wheel or False for that of the road wheels).
@@ -508,8 +508,9 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of an unusual offset of accel_x or accel_y, of an unusual ratio a_y / (v r),
-    and of an unusual track."""
+    """Warn of a median difference of accel_x or accel_y from the kinematics above 0.7
+    m/s2, of a ratio a_y / (v r) outside 0.8 .. 1.25, and of a track width (from the wheel
+    speeds) outside 1.1 .. 2.1 m."""
     if v is None:
         return
     r = (
@@ -532,8 +533,8 @@ def _check_offsets(
             )
         elif abs(offset) > 0.7:
             warnings.append(
-                f"{role}: mean difference from the kinematics {offset:+.2f} m/s2: tilted IMU or banked road; "
-                "the estimator compensates for it"
+                f"{role}: median difference from the kinematics {offset:+.2f} m/s2: tilted IMU or banked "
+                "road; the estimator compensates for it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
@@ -556,10 +557,11 @@ MIN_LATENCY = 0.004  # [s] min latency that is proposed
 # wheels in slow steering. They are from simulations of understeering single-track models
 # with tyre relaxation lengths and random parameters.
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-# [sd of the latency] A latency of the steering angle is proposed if it exceeds this.
+# [1] A steering latency is only proposed if latency / (sd of the latency) exceeds this.
 MIN_STEERING_SDS = 2.0
 MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
-# [sd of the latency] A latency of wheel speeds or accel_y is proposed if it exceeds this.
+# [1] A latency of wheel speeds or accel_y is only proposed if |latency| / (sd of the
+# latency) exceeds this.
 MIN_LATENCY_SDS = 4.0
 
 
@@ -653,12 +655,12 @@ def _find_accel_lag(
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
     """Set the latency of a guess to `late`, if it is significant; add the evidence.
 
-    A latency is significant if it exceeds MIN_LATENCY and MIN_LATENCY_SDS x `sd`. If the
-    signal of the guess has the same time stamps as the yaw rate, both were probably
-    sampled together. A latency of at most 2 x MIN_LATENCY is then not set, and only the
-    evidence is added. `late`: [s] delay behind the yaw rate. `sd`: [s] sd of `late`.
-    `clock`: name of the signal of the yaw rate. `how`: names of the signals that were
-    compared, for the evidence."""
+    `late`: [s] delay behind the yaw rate; negative: ahead of it. `sd`: [s] sd of `late`.
+    It is significant if |late| exceeds both MIN_LATENCY and MIN_LATENCY_SDS x `sd`, but
+    is below 0.3 s, and `sd` is below 0.02 s. If the signal has the same time stamps as
+    the yaw rate, both were probably sampled together. |late| up to 2 x MIN_LATENCY is
+    then taken as an error of this estimate, and only the evidence is added. `clock`: name
+    of the signal of the yaw rate. `how`: the compared signals, for the evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -53,9 +53,9 @@ from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# If a log without a signals.toml has a column steer_angle and at least one of these two
-# wheel speeds, its columns are assigned to the channels of the same names. Otherwise, a
-# signals.toml is needed.
+# A log needs no signals.toml if it has columns named steer_angle and wheel_speed_front
+# (or wheel_speed_rear): its columns are then assigned to the channels of the same names.
+# Two columns, of left and right wheel, may replace the column of an axle.
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -85,7 +85,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     if reading.car is not None:
         log = adapt_to_car(log, reading.car)
     if reading.strict and log.warnings:
-        raise UserError(f"{path}: option --strict: {log.warnings[0]}")
+        raise UserError(f"{path}: option --strict: {log.warnings[0]}; without --strict, this is a warning")
     return log
 
 
@@ -318,7 +318,8 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
         raise NoFile(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise UserError(
-            f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed"
+            f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); "
+            "save it as a CSV in UTF-8"
         ) from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
@@ -328,7 +329,10 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
         raise UserError(f"{path}: is empty")
     whole = ends - 1 if ends and not last.endswith("\n") else None
     if whole == 0:
-        raise UserError(f"{path}: has one row, without a line break: it may be cut inside a number")
+        raise UserError(
+            f"{path}: has one row, without a line break: it may be cut inside a number; if it is complete, "
+            "add a line break"
+        )
     return head.split("\n", 2)[:2], whole
 
 

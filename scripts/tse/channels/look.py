@@ -51,8 +51,9 @@ MAX_AT_ZERO = 0.2
 # A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-# Min score with which a signal is taken as a measurement of a role. The score is that of
-# its name (vocabulary.py: at most 3), in some places plus those of unit and physics.
+# A signal possibly measures a role, i.e. a quantity such as yaw_rate, if its score for
+# this role is at least MIN_NAME_SCORE. The score is that of its name, at most 3
+# (vocabulary.py). wheels.py adds the scores of unit and physics.
 MIN_NAME_SCORE = 1.0
 MIN_PROOF_CORR = 0.9  # min correlation for a kinematic relation to count as proven
 
@@ -66,12 +67,14 @@ class Guess:
     unit: str
     unit_from: str  # source of the unit, in words
     sign: float = 1.0  # -1: the signal is positive to the right or backwards
-    ratio: float | None = None  # steering ratio, by which the angle is divided
+    ratio: float | None = None  # steering ratio, divides the steering angle; None: 1
     latency: float = 0.0  # [s] delay from the measurement to its time in the log
     # [s] time by which the clock of the signal is ahead of the common clock of the log,
     # which align_clocks() in group_clocks.py chooses
     clock: float = 0.0
-    above: float | None = None  # channel brake: value in `unit` above which the car brakes
+    # for a brake pressure or pedal position: value in `unit` above which the car brakes;
+    # None: the signal is a brake switch (0 or 1), or is not a brake signal
+    above: float | None = None
     sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
     add: str | None = None  # name of a signal that is added: the fine part of a coarse value
     # name of the validity flag, and its value if the signal is valid

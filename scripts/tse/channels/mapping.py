@@ -18,9 +18,9 @@ from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # modulo of a message counter if it is neither stated nor found: 4 bits
-# [1] If a flag marks a larger share than this of the values as invalid, or if a counter
-# does not change in a larger share of the entries, the flag or counter is rejected: it
-# was probably misinterpreted.
+# [1] max share of values that a flag marks as invalid; above it, an error is raised. Also
+# max share of entries in which a counter does not change; above it, the counter is not
+# used. Such a flag or counter was probably misinterpreted.
 MAX_LOST = 0.5
 
 
@@ -172,8 +172,10 @@ def _map_part(
 def _find_factor(
     signal: SignalSource, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
-    """Return the factor from the unit of a signal to SI. If the unit is unknown, return 1
-    and append a note."""
+    """Return the factor from the unit of a signal to the SI unit of the channel `part`.
+
+    If the unit is unknown, return 1 and append a note. A reference (ref_*) and a signal
+    with a threshold (`signal.above`) are not converted: return 1."""
     if part.startswith("ref_") or signal.above is not None:
         return 1.0
     wanted = find_unit(part)
@@ -193,7 +195,7 @@ def _find_factor(
         if "wheel_speed" in part and unit_factor(unit, wanted, 1.0) is not None:
             raise UserError(
                 f"{source}: to convert {unit}{where} to {wanted}, the radius of the wheel is needed: give a "
-                "vehicle file (--vehicle), or radius = 0.31 next to the unit"
+                "vehicle file (--vehicle), or state the radius in m next to the unit, e.g. radius = 0.31"
             )
         raise UserError(
             f"{source}: unit {unit!r}{where} cannot be converted to {wanted}; if the log is wrong, state the "

@@ -41,10 +41,11 @@ def smooth(x: np.ndarray) -> np.ndarray:
 
 
 def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> LineFit:
-    """Fit y = slope x + offset in the rows `keep`.
+    """Fit y = slope x + offset in the rows `keep`; None: in all rows.
 
-    Both channels have noise. The slope is therefore the geometric mean of the slopes of
-    the regressions of y on x and of x on y."""
+    Both channels have noise. The slope is therefore sd(y) / sd(x), with the sign of the
+    correlation. This is the geometric mean of two values of dy/dx: that of the regression
+    of y on x, and that of the regression of x on y."""
     both = np.isfinite(x) & np.isfinite(y)
     if keep is not None:
         both &= keep

@@ -130,7 +130,8 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
 
 
 def _quote_string(text: str | None) -> str:
-    """Return a string quoted for TOML, as in JSON; "" for None."""
+    """Return `text` in quotes for TOML, escaped as in JSON. If `text` is None or empty,
+    return an empty string without quotes."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 
 

@@ -21,10 +21,10 @@ from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 # rate. Faster signals of a bus mostly repeat their values.
 MAX_DEFAULT_RATE = 100.0
 MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the rows
-# A step between two entries is a gap if it is longer than GAP_STEPS median steps of the
-# channel. This limit is raised to MIN_GAP [s] if it is lower. If it is above both MAX_GAP
-# [s] and 2.5 median steps, it is reduced to the larger of these two. Rows in a gap are
-# NaN. Shorter steps are interpolated.
+# A step between two entries of a channel is a gap if it is longer than the limit
+# min(max(GAP_STEPS x m, MIN_GAP), max(MAX_GAP, 2.5 x m)), with m: median step [s] of the
+# channel. MIN_GAP and MAX_GAP are in s. Rows in a gap are NaN. Shorter steps are
+# interpolated.
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
