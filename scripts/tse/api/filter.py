@@ -36,8 +36,8 @@ class Filter:
     ----------
     vehicle
         A vehicle file, a mapping with its keys, or the result of read_vehicle(). None: an
-        ordinary car. Its mass must then be one of `settings`, because no stiffness is
-        valid without a mass.
+        ordinary car. Then give its mass in `settings`: in the form "default", the
+        relative sd of an unknown mass is 0.3, so that no stiffness ever becomes valid.
     settings
         Any settings by name (`tselab settings` lists them with default, range and unit).
         They override those of the vehicle.
@@ -62,8 +62,8 @@ class Filter:
     from the log in a Filter, call the method filter() of the result of estimate(). It
     returns a Filter that computes the same estimates as estimate() from the same rows,
     bit by bit. Filters do not share state. One filter must not be used by two threads at
-    once. copy() and the module copy make an independent filter. A filter cannot be
-    pickled.
+    once. copy(), copy.copy() and copy.deepcopy() return an independent filter. A filter
+    cannot be pickled.
     """
 
     def __init__(
@@ -112,11 +112,11 @@ class Filter:
         """[s] Delay of each channel relative to yaw_rate.
 
         The delays are settings such as `steer_angle_latency`, or the table
-        `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, a row is
-        used only when the values of its delayed channels have arrived in later rows. So
-        the estimates after a row refer to a time that is `estimate_age` [s] before it.
-        If the filter makes no step after a row, the status is WAITING, and the estimates
-        are those of the last step."""
+        `{"latency": {"steer_angle": 0.02}}` of a vehicle. The value that a delayed
+        channel had at the time of a row arrives in a later row, and only then is the row
+        used. So the estimates that step() returns refer to a time that is `estimate_age`
+        [s] before its row. If step() cannot use any row yet, the status is WAITING, and
+        the estimates do not change."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
             for c in CHANNELS
@@ -240,7 +240,7 @@ class Filter:
         other._time = self._time
         return other
 
-    __copy__ = copy  # by default, copy.copy() would let both filters share one state
+    __copy__ = copy  # without it, copy.copy() would call __reduce_ex__(), which raises TypeError
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Filter:
         return self.copy()
@@ -258,29 +258,31 @@ class Filter:
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
-        """Start from the learnt state of an earlier drive, before the first row.
+        """Start from the learnt state of an earlier drive. Call it before the first row.
 
         Parameters
         ----------
         learnt
             Bytes from save_learnt() or Result.learnt.
         age
-            [s] Time since that drive. If the time is unknown (UNKNOWN_AGE), the learnt
-            means are used, but each initial sd is at least the sd without a learnt state.
+            [s] Time since that drive. UNKNOWN_AGE (infinity): unknown. Then, with the
+            default settings, the learnt state does not reduce the initial sds of
+            stiffnesses and biases, and the biases start at 0.
 
         Raises
         ------
         LearntError
-            The bytes are damaged, belong to a different vehicle, or were written by a
-            newer library. The state of the filter does not change.
+            The bytes are damaged, belong to a different vehicle, or have a format that
+            this library does not read; the filter has already had a row; or `age` is NaN.
+            The state of the filter does not change.
         """
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Return how much each uncertain parameter of the car contributes to the present
-        sds of the stiffnesses. Key: name of the sd of the parameter (`mass_sd` ...).
-        Value: (3,) sd that this parameter causes in each stiffness, as a ratio to the
-        nominal stiffness."""
+        """Return the sds that each uncertain parameter of the car causes in the stiffness
+        estimates after the last row. Key: setting with the sd of the parameter, such as
+        `mass_sd`. Value: (3,) caused sds of cx_front, cy_front and cy_rear, each relative
+        to the nominal stiffness. For the forms "paper" and "robust", return {}."""
         return self._filter.uncertainty_sd()
 
 
@@ -309,7 +311,7 @@ def _make_mapping(row: Any) -> dict[Any, Any]:
     """Return a row of any accepted type as a dict of names and values."""
     if row is None:
         return {}
-    if hasattr(row, "keys"):  # a mapping or a Series. A Series iterates over values, so keys() is needed
+    if hasattr(row, "keys"):  # a mapping or a Series. Without keys(), a Series would yield its values
         return {name: row[name] for name in row.keys()}  # noqa: SIM118
     if hasattr(row, "_asdict"):  # a named tuple, as DataFrame.itertuples() yields
         return {name: value for name, value in row._asdict().items() if name != "Index"}

@@ -66,9 +66,9 @@ class Fleet(Shown):
         The sentence states the latest cornering stiffness of the front or of the rear
         axle, whichever is smaller. If no cornering stiffness is known, the sentence
         states the longitudinal stiffness. If no stiffness is known, it gives the reason.
-        The cars with a cornering stiffness come first, sorted by the stated stiffness,
-        the smallest first. Cars with only a longitudinal stiffness follow in the same
-        order, and then the cars without a known stiffness."""
+        First come the cars with a cornering stiffness, the smallest stiffness first. Then
+        come the cars with only a longitudinal stiffness, the smallest first. The cars
+        without a known stiffness come last."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -126,8 +126,10 @@ class Fleet(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the table of fleet.parquet: a row for each log, stretch of road and
-        stiffness. A log that could not be estimated has one row with its error."""
+        """Return the table of fleet.parquet. Each log has three rows (one per stiffness)
+        for each stretch of road, i.e. for each part of the drive from one detected change
+        of the stiffness to the next. A log that could not be estimated has one row with
+        its error."""
         return self._table
 
     def plot(self) -> Any:
@@ -172,8 +174,10 @@ def fleet(
     logs
         Files, folders and glob patterns.
     vehicle
-        Vehicle of all logs, as in estimate(). Unless `car` is given, the logs of each
-        folder belong to a separate car.
+        Vehicle of all logs, as in estimate(). If `car` is None, the logs of each folder
+        belong to a separate car with the name of the folder. Inside a folder that `logs`
+        names, only its direct subfolders count: with logs="all", the log all/a/may/1.csv
+        belongs to the car a.
     out
         Folder for the files, created if needed. A later call with the same folder
         estimates only logs that are new or have changed.
@@ -191,8 +195,9 @@ def fleet(
     learn
         Whether each drive starts from the learnt state of the previous drive of the car.
     calibrate
-        Whether a car without calibrated stiffness is calibrated on its first logs before
-        they are estimated.
+        Whether a car is calibrated before its logs are estimated if its vehicle file has
+        neither a table [calibration] nor a table [uncertainty]: on its first four logs
+        together or, if `learn` is False, on each log separately.
     reports
         Whether an HTML page is written for each log.
     estimates

@@ -27,8 +27,8 @@ from tse.roads.road import Road
 
 
 class Gap(Shown):
-    """Result of gap(): the verdict on which effects the vehicle file lacks, and the
-    written files."""
+    """Result of gap(): the verdict, i.e. the physical effects (such as tyre relaxation)
+    that the car of the vehicle file lacks, and the written files."""
 
     def __init__(self, result: workflow.GapResult, written: WrittenFiles, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
@@ -54,8 +54,8 @@ class Gap(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The verdict in sentences. The sentences about the residuals that remain with
-        the named effects are left out. `stages` has sentences about the residuals."""
+        """The sentences of `words`, except those about the residuals that remain after
+        the named effects are added to the model. For the residuals, see `stages`."""
         return tuple(line for line in self._result.words if not line.startswith("Still left: "))
 
     @property
@@ -80,8 +80,9 @@ class Gap(Shown):
 
     @property
     def gain(self) -> tuple[str, ...]:
-        """A sentence for each stiffness: share of the time in which its estimate is
-        valid, with the user's vehicle file and with vehicle_improved.toml."""
+        """A sentence for each stiffness, with two numbers: the share of the time [%] in
+        which its estimate is valid with the user's vehicle file, and the share with
+        vehicle_improved.toml."""
         return tuple(gain_words(self._written.gain))
 
     @property
@@ -134,12 +135,12 @@ def gap(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Gap:
-    """Compare a simulation with logs, and name the effect that the model lacks, as
+    """Compare a simulation with logs, and name the effects that the model lacks, as
     `tselab gap` does.
 
-    The residuals are the measured minus the simulated channels. If the evidence is
-    sufficient that an effect of the catalogue (or several effects) causes them, this
-    effect is named.
+    The residuals are the measured minus the simulated channels. One or several effects of
+    the catalogue (`tselab gap catalogue`) are named if there is enough evidence that they
+    cause the residuals.
 
     Parameters
     ----------
@@ -150,7 +151,8 @@ def gap(
         A vehicle file, or a mapping with its keys.
     hold_out
         Logs that are not used for the fit. The residuals of these logs are computed
-        without and with the named effect, as a test whether the effect generalises.
+        without and with the named effects, to test whether the effects also explain logs
+        that were not fitted.
     out
         Folder for the files, created if needed. None: a temporary folder.
     jobs
@@ -197,8 +199,8 @@ class GapCheck:
     def text(self) -> str:
         """A table with a row for each effect: the smallest size that would be detected in
         these logs, the typical size, and whether the typical size would be detected.
-        Below the table are the effects for which it would not be, each with the channels
-        that the effect would change."""
+        Below the table are the effects that would not be detected at their typical size,
+        each with the channels that the effect would change."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -296,8 +298,10 @@ def gap_plan(
     Returns
     -------
     GapPlan
-        Every candidate manoeuvre with the evidence [nat] that one drive of it gives for
-        the true effect against the other one.
+        Every candidate manoeuvre, with the evidence [nat] that driving it once gives for
+        the effect that the car has, against the other effect. This evidence is computed
+        twice, for a car with the first effect and for a car with the second, and the
+        smaller value is given.
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:

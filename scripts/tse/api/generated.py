@@ -26,8 +26,8 @@ Reason = Literal[
 
 
 class Status(IntEnum):
-    """What the filter did with a row. Below 0: it refused the row, and the estimates are
-    unchanged. 0: it used the row. Above 0: it used the row. The code is a warning."""
+    """What the filter did with a row. Negative: it refused the row, and the estimates are
+    unchanged. 0: it used the row. Positive: it accepted the row, with a warning."""
 
     E_BUILD = -12
     """This build rounds differently from the tested ones: compile without -ffast-math,

@@ -79,8 +79,9 @@ class Live:
         """Process the frames that have arrived, and return the number of rows made from
         them. If no frames have arrived, wait for up to 0.1 s.
 
-        Call it in a loop, instead of the iteration, if only `answer` is needed and not
-        the Estimate of each row."""
+        Use either this method in a loop, or iteration over the drive. This method is for
+        programs that read only `answer` (the present stiffnesses), not the Estimate of
+        each row."""
         return len(self._work()[0])
 
     def _work(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.void]]:
@@ -135,7 +136,8 @@ class Live:
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
-        """Events of bus, road and sensors so far, as pairs (time [s], sentence)."""
+        """Events of bus, road and sensors so far, as pairs (time [s], sentence). The time
+        is on the same clock as Estimate.time."""
         return tuple(self._drive.said)
 
     @property
@@ -149,7 +151,10 @@ class Live:
         Error if nothing was learnt."""
         learnt = self.learnt
         if learnt is None:
-            raise UserError(f"nothing was learnt, so {path} is not written")
+            raise UserError(
+                f"nothing was learnt, so {path} is not written: no row was used, or channels contradict "
+                "each other"
+            )
         write_learnt(Path(path), learnt)
         return Path(path)
 
@@ -205,9 +210,9 @@ class Live:
 
     def _get_result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
         """Return the estimates so far, the findings about each stiffness, the detected
-        changes, and sentences about channels that contradict each other. Before close(),
-        each call computes them from all rows so far. After close(), they are computed
-        only once."""
+        changes of the stiffness, and sentences about channels that contradict each other.
+        Before close(), each call computes them from all rows so far. After close(), they
+        are computed only once."""
         if not self._drive.closed:
             return self._drive.result()
         self._ended = self._ended or self._drive.result()
@@ -269,7 +274,8 @@ def live(
         [s] Time since the drive on which `learnt` was learnt. By default, it is the age
         of the file if `learnt` is a Path, and unknown if `learnt` is bytes.
     rate
-        Rows per second. None: the rate of the fastest channel, at most 100.
+        [Hz] Number of rows per second. None: the rate of the fastest channel, but at most
+        100 Hz.
     duration
         [s] Time after which the iteration ends. None: it ends at stop().
     say
@@ -287,8 +293,9 @@ def live(
     Raises
     ------
     Error
-        The bus cannot be opened, no database has a signal, or the folder `out` is not
-        empty. The error is also a ValueError.
+        The bus cannot be opened, the databases lack a signal that `signals` names, a
+        value is outside its range, or the folder `out` is not empty. The error is also a
+        ValueError.
     """
     if (bus is None) == (interface is None):
         raise TypeError("live() needs either an interface or an open bus: give one of them")

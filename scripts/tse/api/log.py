@@ -55,12 +55,12 @@ class Log(Shown):
 
     @property
     def time(self) -> Array:
-        """[s] Time of each row."""
+        """[s] Time of each row, on the clock of the log."""
         return np.asarray(self._checked.time, float)
 
     @property
     def sample_time(self) -> float | None:
-        """[s] Usual time between rows."""
+        """[s] Median time between rows. None: the log has a single row."""
         return self._checked.sample_time
 
     @property
@@ -71,7 +71,7 @@ class Log(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the rows as a data frame for estimate(): time, channels, optional
-        channels, columns ref_..."""
+        channels, and the columns ref_... (reference values)."""
         parts = (self._checked.data, self._checked.extra, self._checked.ref)
         return pd.concat(
             [pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1
@@ -175,7 +175,7 @@ def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
         raise TypeError(f"the array of the log has no field names; {wanted}")
     if isinstance(frame, list | tuple):
         raise TypeError(
-            f"a {type(frame).__name__} cannot be a log; {wanted}, such as pd.DataFrame(...) of it"
+            f"a {type(frame).__name__} cannot be a log; {wanted}; pd.DataFrame() makes a data frame from it"
         )
     raise TypeError(f"{type(frame).__name__} cannot be a log; {wanted}")
 
@@ -217,8 +217,8 @@ class Signals(Shown):
 
     @property
     def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """A pair for each proposed signal: a sentence, and the numbers that support the
-        proposal."""
+        """A pair for each proposed signal: a sentence, and texts with the evidence for
+        this proposal."""
         return tuple((format_headline(g), tuple(g.figures)) for g in self._proposal.guesses)
 
     @property
@@ -234,7 +234,10 @@ class Signals(Shown):
         """Write signals.toml, which read_log() and the commands read. An
         existing file is replaced."""
         if not self._proposal.guesses:
-            raise UserError(f"{self._recording.path}: no signal could be proposed, so {path} is not written")
+            raise UserError(
+                f"{self._recording.path}: no signal could be proposed, so {path} is not written: write this "
+                "file by hand; 'tselab estimate --help' shows its keys"
+            )
         with write_atomically(Path(path)) as file:
             file.write(self._format_text(Path(path).parent))
         return Path(path)
@@ -261,7 +264,7 @@ class Signals(Shown):
     def to_frame(self) -> pd.DataFrame:
         """Return a table with a row per signal. Columns: name, unit, rate [Hz], low, high
         (range of the values), missing (share of missing values), used (channel for which
-        the signal is proposed)."""
+        the signal is proposed; "": none)."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:

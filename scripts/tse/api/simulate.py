@@ -1,5 +1,5 @@
-"""Simulate drives with known truth, or the car with the inputs of a log: simulate(),
-replay() and their results."""
+"""Simulate a manoeuvre and return a log with the true values: simulate(). Simulate a car
+that is driven by the inputs of a measured log: replay()."""
 
 from __future__ import annotations
 
@@ -102,12 +102,13 @@ def simulate(
         factor of this pair times its nominal value.
     settings
         Any settings of the simulator (`tselab settings --simulator`) or of the car.
-        `wheel_speed_sd` is 0.02 rad/s unless it is given here, because real wheel speeds
-        have noise, and the filter treats a channel whose value never changes as frozen.
+        If `wheel_speed_sd` is not given here, it is 0.02 rad/s, as for real sensors. With
+        0, the wheel speeds of a steady drive would be constant, which the filter takes
+        for a frozen sensor.
     road
-        Road that the car drives on: a file road.csv or a Road. In each row, the car has
-        the bank and grade of the road at the distance travelled, and the log has the
-        position of the road at this distance.
+        Road that the car drives on: a file road.csv or a Road. The bank and grade of a
+        row are those of the road at the distance travelled. If the road has positions,
+        the log has the position of this point of the road.
     bar
         Show a progress bar on standard error.
 
@@ -169,10 +170,10 @@ class Replayed(Shown):
         Returns
         -------
         dict
-            Key: channel. Value: rms of the difference after its mean is subtracted (the
-            mean is the bias of the sensor); ratio of this rms to the sd of the white
-            noise of the channel in this log; the mean; the unit. NaN: the log does not
-            have the channel.
+            Key: channel. Value: a ModelMisfit of the difference measured minus simulated:
+            `mean` (it contains the bias of the sensor), `rms` about this mean,
+            `over_noise` (rms / sd of the white noise of the channel in this log), and
+            `unit`. All numbers are NaN if no row above 3 m/s has the channel.
         """
         return along.measure_misfit(self._table)
 

@@ -72,9 +72,9 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
 
 
 def simulated_car() -> dict[str, Any]:
-    """Return the car of simulate(), without any uncertainty of its parameters. Use it for
-    simulated logs only: without this uncertainty, the intervals of a real car are too
-    narrow.
+    """Return the car of simulate(), with parameters that are exactly known. Use it for
+    simulated logs only: the parameters of a real car are uncertain, so its stiffness
+    intervals would be too narrow.
 
         log, truth = tse.simulate("square-waves")
         result = tse.estimate(log, tse.simulated_car())
@@ -140,11 +140,12 @@ def _copy_plain(value: Any) -> Any:
 
 
 def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
-    """Return the path of the vehicle file. If `vehicle` is a mapping, write it to a file
-    in `folder`, and return the path of that file.
+    """Return the path of a file with the content of `vehicle`. A path is returned
+    unchanged. For a Vehicle, return the path of the file that it was read from. Write a
+    mapping to vehicle.toml in `folder`.
 
-    Raise UserError if `vehicle` is a Vehicle that was not read from a file, or whose
-    values differ from those in its file."""
+    Raise UserError if a Vehicle was not read from a file, or if its values differ from
+    those in this file."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
             raise UserError("the vehicle is not read from a file: give a file or a mapping with its keys")

@@ -31,16 +31,17 @@ from tse.library.core import NOMINAL
 from tse.library.files import write_atomically
 from tse.report.results import convert_to_plain
 
-# [1] Max value of the setting roll_steer_sd, the sd of rear_roll_steer_gain, in a
-# calibrated vehicle file. The calibration does not estimate this sd. It takes the sd from
-# the vehicle file that was read or, if there is none, from an uncalibrated car (0.04,
-# src/tables/uncalibrated.toml). If the sd is larger than this limit, it is set to it.
+# [1] Upper limit of the setting roll_steer_sd, the sd of rear_roll_steer_gain, in a
+# calibrated vehicle file. The calibration does not estimate this sd. It copies the sd of
+# the vehicle file that was read or, if this file has none, of an uncalibrated car (0.04,
+# src/tables/uncalibrated.toml), and then applies the limit.
 MAX_ROLL_STEER_SD = 0.03
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Return the calibrated settings as name -> value, within their limits. If the logs
-    do not determine a parameter, its value is near the mean of its prior."""
+    """Return the calibrated settings as name -> value, clipped to the allowed range of
+    each setting. If the logs do not determine a parameter, its value is near the mean of
+    its prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -52,8 +53,9 @@ def collect_settings(result: CalibrationResult) -> dict[str, float]:
 
 
 def _list_superelevations(result: CalibrationResult) -> list[float]:
-    """Return the fitted superelevation of the road of each log. The list is empty if the
-    bank of the roads was fitted as a profile or was known."""
+    """Return the fitted superelevation of the road of each log [1]: the share of the
+    lateral acceleration in curves that the bank of the road provides. The list is empty
+    if the bank of the roads was fitted as a profile or was known."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
     return [at[name_in_log(SUPERELEVATION, i)] for i in range(result.problem.leans)]
 
@@ -67,8 +69,8 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
     """Return the sds of the calibrated car's parameters, as settings of
     src/tables/uncertainty.toml.
 
-    A parameter that cannot be estimated from logs keeps its sd in the vehicle file. If
-    the file has no sd for it, it gets the sd of an uncalibrated car.
+    A parameter that cannot be estimated from logs keeps the sd in the vehicle file. If
+    the file has no such sd, the parameter gets the sd of an uncalibrated car.
     """
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
@@ -161,8 +163,8 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        # In the fit, the rear longitudinal stiffness is relative to the front one.
-        # Convert its mean and covariance to N.
+        # Multiply mean and covariance [N] of the rear longitudinal stiffness by
+        # compute_rear_factor(), which the written value contains and the fit does not
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)

@@ -2,13 +2,13 @@
 result in a cache for later runs.
 
 This is done for cars without a calibration. As after any calibration, the posterior of
-the cornering stiffness becomes the prior of the filter. The filter then uses the same
-rows again as measurements. This double use has little effect, because the filter assumes
-a model error, which gives the rows a low weight compared with the prior. A short log
-contains too little information about the longitudinal stiffness and about the sd of the
-model error (model_sd). So the longitudinal stiffness keeps the value of an uncalibrated
-car of the same mass and axle distances (src/tables/uncalibrated.toml). The calibration
-may raise model_sd, but not reduce it below the value of an uncalibrated car.
+the stiffness becomes the prior of the filter. The filter then uses the same rows again as
+measurements, so its sds are too small, but only slightly: their largest part is due to
+the model error (model_sd), which more measurements do not reduce.
+
+A short log contains too little information about model_sd. So the calibration may raise
+model_sd, but not reduce it below the value of an uncalibrated car of the same mass and
+axle distances (src/tables/uncalibrated.toml).
 """
 
 import copy
@@ -67,7 +67,9 @@ class OwnCalibration:
 
     text: str  # content of the calibrated vehicle file; empty if the calibration is not used
     words: list[str]  # lines for the user: the calibrated values, or why they are not used
-    found: dict[str, Any]  # the result as a dict (_collect_findings())
+    # Result for JSON: see _collect_findings(). If the calibration is not used: see
+    # keep_class()
+    found: dict[str, Any]
 
     def apply_to(self, before: Vehicle) -> Vehicle:
         """Return the calibrated car, with name, facts, notes and formula of the car
@@ -133,9 +135,9 @@ def calibrate_once(
 def _remove_on_exit(lock: Path) -> Iterator[None]:
     """Remove the lock file on exit.
 
-    If a second process has opened the file just before, it then locks a file that no
-    longer exists. A third process creates a new lock file and does not wait for the
-    second one, so the same calibration may run twice. This only costs time."""
+    If a second process is waiting for the lock, it then locks the removed file. A third
+    process creates a new lock file, and does not wait for the second process. So the same
+    calibration may run twice, which only costs time."""
     try:
         yield
     finally:
@@ -144,9 +146,9 @@ def _remove_on_exit(lock: Path) -> Iterator[None]:
 
 
 def _measure_turning(log: CheckedLog, vehicle: Vehicle) -> float:
-    """Return the time [s] with a lateral acceleration above MIN_TURNING_ACCEL.
-
-    The acceleration is speed times yaw rate, or accel_y if the log has no yaw rate."""
+    """Return the time [s] in which |lateral acceleration| is above MIN_TURNING_ACCEL. The
+    lateral acceleration is computed as speed times yaw rate. If the log has no yaw rate,
+    it is accel_y."""
     rate = log.data["yaw_rate"].to_numpy(float)
     speed = vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"]
     across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
@@ -167,8 +169,8 @@ def _make_cache_path(name: str) -> Path | None:
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
     """Return the part of a log, `seconds` long, in which the car turns most."""
-    # If the sample time is above 0.01 s, select_liveliest() itself reduces the number of
-    # rows in proportion.
+    # A sample time above 0.01 s counts as 0.01 s here, because select_liveliest() itself
+    # then multiplies the number of rows by 0.01 s / sample time
     sample_time = min(log.sample_time or 0.01, 0.01)
     return select_liveliest(log, max(1, round(seconds / sample_time)))
 
@@ -238,9 +240,9 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
 
     Both estimate the cornering stiffness from the same rows. They contradict each other
     if |ln(ratio of the two estimates)| is larger than 1.96 times the sd of this
-    logarithm. Then one of the two models is wrong. A comparison of the likelihoods could
-    not decide which one, because the calibration maximises the likelihood of this log and
-    would always win.
+    logarithm. Then the parameters of the calibrated or of the uncalibrated car are wrong.
+    A comparison of their likelihoods could not decide which: the calibration maximises
+    the likelihood of this log, so the calibrated car would always win.
     """
     for key, axle in CORNERING_AXLES.items():
         ours = found["stiffness"][key]

@@ -64,8 +64,8 @@ def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
 
 
 def draw_bands(result: CalibrationResult) -> go.Figure:
-    """Return the figure of all fitted parameters with their 95 % intervals, each relative
-    to its prior."""
+    """Return a figure with a point for each fitted parameter: (posterior mean - prior
+    mean) / prior sd, with the 95 % interval in the same unit."""
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
     figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")

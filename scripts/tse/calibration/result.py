@@ -30,9 +30,8 @@ from tse.library.core import Config
 # [s] Min total length of the logs. With shorter logs, the search converges near the
 # prior, and the differences from the prior are due to chance.
 MIN_RELIABLE_SECONDS = 20.0
-# [1] Max ratio of the rms residual after the calibration to the rms residual before it. A
-# larger ratio means that the calibrated car fits this log worse: the log is probably of a
-# different car.
+# [1] Max ratio of the rms residual of a log with the calibrated car to that with the car
+# of the vehicle file. If the ratio is larger, the log is probably of a different car.
 MAX_WORSE_RATIO = 1.05
 # Max |posterior mean - prior mean| of a parameter in STATED, in prior sds. A larger
 # difference means that the vehicle file is wrong. With correct files it was at most 2.4.
@@ -73,8 +72,9 @@ class NumberFinding:
     # True if the logs determine the number: posterior sd < MAX_SHOWN_RATIO * prior sd
     shown: bool
     words: str  # line for the user
-    # True for a parameter that gives the shape of an effect, such as a time constant. It
-    # has no influence if the size of the effect is 0.
+    # True for a parameter that gives the shape of an effect, such as a time constant, and
+    # not its size. At size 0, the shape has no influence, so group_findings() does not
+    # count it as evidence
     shape: bool = False
 
     def as_json(self) -> dict[str, Any]:
@@ -142,11 +142,13 @@ def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
 
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
-    """Return a line for the user with the number and its interval. If the logs do not
-    determine the number, the line ends with a remark on this.
+    """Return a line for the user: the number `value` and its 95 % interval. If `shown` is
+    False, the line says instead that the logs do not show the number.
 
-    The line also states if the difference from the vehicle file is not significant or too
-    small to matter (less than u.worth). `by` converts u.worth to the unit of the value.
+    The line also says whether the difference from `before`, the value in the vehicle file
+    (for a latency: from 0), is negligible, i.e. less than SIGNIFICANT_SD * `sd` or than
+    u.worth * `by`. `by`: value of the setting in the vehicle file if u.worth is relative
+    to this value, otherwise 1.
     """
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
@@ -173,9 +175,9 @@ def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: 
 def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFinding]) -> list[FindingGroup]:
     """Return the findings in groups, the group with the most evidence first.
 
-    The evidence is computed from a quadratic approximation of the log likelihood. It
-    is half the squared Mahalanobis distance between the values found and those of
-    the vehicle file.
+    The evidence is computed from a quadratic approximation of the log likelihood. It is
+    (x - x0)' P^-1 (x - x0) / 2 with the values found x, the values in the vehicle file
+    x0, and the posterior covariance P of x.
     """
     found = []
     for name in dict.fromkeys(r.group for r in rows):
@@ -203,8 +205,8 @@ def list_stated(config: Config) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class ProofChannel:
-    """Rms values of one channel of a log, in the unit of the channel, from block means
-    over 40 ms."""
+    """Sds of one channel of a log, in the unit of the channel. They are the sds of means
+    over blocks of 40 ms."""
 
     signal: float  # sd of the measured channel
     before: float  # sd of measured minus simulated, with the car of the vehicle file
