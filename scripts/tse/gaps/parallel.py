@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-# The function that the forked processes run, and the list of its arguments. A forked
-# process is a copy of this one, so this variable has the same value in it. The function
-# cannot be sent to the copy as an argument, because it may be a closure, which pickle
-# does not accept.
+# The function that the forked processes run, and the list of its arguments. Both are in a
+# global variable, because a forked process has a copy of all global variables. A function
+# that is sent to a process would be pickled, and pickle does not accept closures.
 _work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
 _copy = False  # True in a forked copy, False in the parent process
 

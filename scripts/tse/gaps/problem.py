@@ -36,9 +36,9 @@ STIFFNESS_PARAMETERS = tuple(
 )
 
 
-# Names of the latencies [s] that a fit may add to the latencies of the vehicle file. They
-# are not passed to the simulation as settings (make_config()). Instead, the channels are
-# shifted in time by them (get_latencies()).
+# Names of the latencies [s] that a fit may add to the latencies of the vehicle file. Such
+# a latency is not a setting of the simulation (make_config()). Instead, the channel is
+# shifted in time by this latency (get_latencies()).
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 
 

@@ -1,11 +1,11 @@
 """Compute how a disturbance at one place of the model changes the simulated channels. A
 place is a quantity of the model to which a disturbance is added, such as the yaw moment.
-Many disturbances are computed at once.
+The disturbances are the values of formulas (formula_search.py), or hat functions of time
+(where.py). Many disturbances are computed at once.
 
 The single-track model is linearised about straight driving at the current speed, and
 integrated with one step per block. This is accurate enough to compare disturbances with
-each other. The formulas that are best in this comparison are then simulated with the full
-model.
+each other. The formula search then simulates the best formulas with the full model.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-# Place of the model at which only disturbances are computed. It is not one of the places
-# of formulas. The disturbance is the component of gravity [m/s2] along a banked road. It
-# accelerates the car sideways, but accelerometers do not measure it.
+# Place of a disturbance that is the lateral component of gravity [m/s2] on a banked road.
+# It accelerates the car sideways, but accelerometers do not measure it. A formula cannot
+# be added at this place.
 ROAD_BANK = "bank"
 # quantities of the simulation that compute_signals() uses
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")

@@ -1,5 +1,6 @@
-"""Classify the error that remains after effects are named: is it an error of the sensors,
-is it localised in time, or does it depend on the motion of the car?
+"""Classify the error that remains when the effects that the search found are part of the
+model: is it an error of the sensors, is it localised in time, or does it depend on the
+motion of the car?
 
 Three kinds of errors count as errors of the sensors: low-frequency noise, a bias that is
 a random walk, and single spikes. Low-frequency noise exceeds the estimated noise sd,
@@ -31,7 +32,9 @@ MEMORY = 0.12
 
 @dataclass(frozen=True)
 class Remainder:
-    """The kind of error that remains in one channel after effects are named."""
+    """The kind of error that remains in one channel when the effects that the search
+    found are part of the model.
+    """
 
     channel: str
     gap: float  # ratio of residual rms to sensor noise
@@ -79,8 +82,8 @@ def find_remainders(
 
 
 def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
-    """Return the sd of the change of a channel's bias from one block to the next, in
-    units of the channel's noise.
+    """Return the sd of the change of a channel's bias from one residual to the next (40
+    ms), in units of the sd of the channel's noise; 0 for a channel that is not in WALK.
     """
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
@@ -152,9 +155,11 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
 
 def find_short_span(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
     """Return begin [s], end [s] and index of the log of the shortest interval that
-    contains half of the sum of squared residuals above the noise.
+    contains half of the sum of max(e^2 - 1, 0). e are the whitened residuals, and 1 is
+    the variance of their noise.
 
-    Return None if this interval is longer than the share LOCAL of the length of all logs.
+    Return None if this interval is longer than the share LOCAL of the length of all logs,
+    or if no single log contains half of the sum.
     """
     surplus = np.maximum(e**2 - 1.0, 0.0)
     total, n, best = surplus.sum(), len(e), None

@@ -1,11 +1,13 @@
 """Decide whether named effects, a formula, or both explain the logs.
 
-The gap is the sum of squared residuals minus the sum expected from sensor noise
-(fit.compute_excess()). Named effects may leave most of the gap. Or they may close it only
-because they are many. In both cases they may merely imitate an effect that is not in the
-catalogue. Therefore three combinations are compared, called worlds here: the named
-effects alone, the named effects with a formula for the residuals that they leave, and a
-formula without named effects. The ln probability of a world is, up to a constant,
+A named effect is one that the search reports as missing in the vehicle file. The gap is
+the sum of squared residuals minus the sum expected from sensor noise
+(fit.compute_excess()). Named effects may close only a small part of the gap, or they may
+close it only because they are many. In both cases they may merely imitate an effect that
+is not in the catalogue. Therefore three combinations are compared, called worlds here:
+the named effects alone, the named effects with a formula for the residuals that they
+leave, and a formula without named effects. The ln probability of a world is, up to a
+constant,
 
     sum over channels of ln likelihood of the residuals (search.py) - price.
 
@@ -91,8 +93,9 @@ class Worlds:
         self.known: list[World] = []
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
-        """Add the world with the named effects of `naming`. `last` is the fit with these
-        effects, and `discovery` is the formula; None: a world without a formula.
+        """Add the world with the named effects of `naming` and the formula of `discovery`
+        (None: no formula). Without a formula, the residuals come from the fit `last`;
+        with a formula, from `discovery.fit`, and `last` is ignored.
         """
         price, values = sum((compute_name_price(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
@@ -159,12 +162,12 @@ def explain_remainder(
     and a list of all worlds that were compared. A world is a combination of named effects
     and a formula (or none) that could be the truth.
 
-    Formula and named effects are those of the world that Worlds.find_best() returns. An
-    effect of this world loses its name if the product of two probabilities is below
-    NAME_AT. The first is Named.whole: the probability that the vehicle file lacks this
-    effect, or lacks one of the effects that take its place in other sets of effects. The
-    second is the total probability of the worlds that name this effect
-    (Worlds.with_name()).
+    The named effects are those of the world that Worlds.find_best() returns. The formula
+    is the one that the formula search with these effects proposes, if any. But an effect
+    of this world is not named if the product of two probabilities is below NAME_AT. The
+    first is the probability that the vehicle file lacks this effect or an effect that
+    replaces it in other sets of effects (Named.whole). The second is the total
+    probability of the worlds that name this effect (Worlds.with_name()).
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the named effects together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
@@ -209,10 +212,11 @@ def explain_remainder(
 def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
     """Return the formula, and the named effects that are still needed beside it.
 
-    `last` is the result of the formula search. In its fit, which has the named effects
-    and the formula, the formula may explain residuals that a named effect explains in the
-    fit without a formula. An effect is no longer named if, around its values in this fit,
-    the 95 % interval of each of its strengths includes the value without the effect.
+    `last` is the result of the formula search. Its fit contains the named effects and the
+    formula. The formula may explain residuals that a named effect explains in the fit
+    without a formula. An effect is no longer named if the 95 % intervals of all its
+    strengths include the default values, at which there is no effect. Each interval is
+    that of the fit without a formula, shifted to the value in `last` (Named.at()).
     """
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming

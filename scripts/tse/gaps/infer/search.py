@@ -44,21 +44,20 @@ MAX_EFFECTS = 12  # max number of effects in a set
 MAX_ROUNDS = 12  # max number of steps of one climb (_climb()), each with the fit of a set
 PASSES = 4  # max number of climbs after the first one, each followed by _fit_rivals()
 AT_ONCE = 2  # max number of effects that are added, removed or replaced between two fits
-# max number of sets, for each effect of the best set, that are fitted with a different
-# effect in its place
+# max number of other effects that replace an effect of the best set, each in a fit of its
+# own (_fit_rivals())
 RIVALS = 2
 # [nat] A set is not fitted if its approximate evidence is below that of the best set by
 # more than this value.
 FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
 # If no change of a single effect raises the evidence of a set, pairs of effects are
-# added. The effects are ranked by the evidence of the set to which only this effect is
-# added. The first effect of a pair is among the first PAIRED of this ranking. The second
-# can be any other effect.
+# added. One effect of a pair is among the PAIRED effects for which the evidence is
+# largest when only this one effect is added. The second effect can be any other effect.
 PAIRED = 8
-# Number of iterations by which Around.judge() approximates a set that was not fitted.
-# Each iteration solves for the unknowns. The variance of every channel comes from the
-# residuals after the iteration before it.
+# Number of iterations of Around.judge(), which approximates the evidence of a set that
+# was not fitted. Each iteration computes first the unknowns, with the latest variances of
+# the channels, and then new variances from the residuals.
 WEIGHINGS = 4
 
 
@@ -179,7 +178,7 @@ def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tu
 
 def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
     """Return the partial derivatives of the residuals from the fit of `like`, one matrix
-    for each group, with the columns in the order of the unknowns of `space`.
+    for each channel of each log, with one column for each unknown of `space`.
 
     If an unknown of `space` is not an unknown of `like`, its column is 0. This can only
     be a shape parameter, such as a time constant, of an effect that is not in the set of
@@ -234,7 +233,9 @@ class Around:
         effects = tuple(h for h in space.asked if h.id in members)
         mean, sd = space.compute_prior(members)
         there = {p.name for h in effects for p in h.effect.fitted}
-        for k, p in enumerate(space.parameters):  # shapes of effects outside the set are fixed
+        # Fix the shape parameters (such as time constants) of effects outside the set at
+        # their values in the fit of `self.judged`.
+        for k, p in enumerate(space.parameters):
             if not p.strength and p.name not in there:
                 mean[k], sd[k] = self._x[k], 1e-6
         precision, weights = sd**-2, self._first
@@ -339,9 +340,11 @@ class Search:
         return best
 
     def _fit_alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
-        """Fit the sets in which one of `effects` is replaced by an effect that the
-        catalogue lists as similar, and return them. They are fitted because the linear
-        approximation is not accurate enough to compare large effects.
+        """Fit the sets that are made from the set `judged` by replacing one of `effects`
+        by an effect that the catalogue lists as similar, and return these sets.
+
+        They are fitted because the linear approximation is not accurate enough to compare
+        large effects.
         """
         found = []
         for h in judged.effects:

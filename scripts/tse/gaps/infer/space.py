@@ -49,7 +49,7 @@ class Space:
     problem
         The logs.
     asked
-        All effects of the search. The vehicle file may lack each of them.
+        All effects of the search, in the set or outside it.
     members
         Ids of the effects of the set.
     lent
@@ -99,9 +99,9 @@ class Space:
         """Return the prior mean and sd that the unknowns have if `members` are the
         effects of the set.
 
-        A shape of an effect outside `members` gets the same prior as it would have
-        inside. The caller must replace this prior: Around.judge() keeps such shapes
-        fixed.
+        A shape parameter, such as a time constant, gets the same prior whether its effect
+        is in `members` or not. Around.judge() replaces this prior for effects outside
+        `members`, because it keeps their shape parameters fixed.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -211,8 +211,8 @@ class Space:
         return found
 
     def compute_own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the partial derivatives of compute_slopes(), but with all columns
-        simulated and none taken from `lent`.
+        """Return the same matrices as compute_slopes(), but simulate all columns, and
+        take none from `lent`.
         """
         return self._simulate_slopes(x, base, ((1.0, True), (REACH, False)))
 
@@ -245,10 +245,11 @@ class Space:
     # ---- the ratio of model error to signal
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return a group as a Piece: times, moving rms of the signal, and residuals.
+        """Return times, moving rms of the signal, and residuals of one channel of one log
+        (group `g`).
 
-        The signal is the measurement minus the median of the group, in units of the
-        noise. The window of the moving rms has the length ACTIVE_TIME.
+        The signal is the measurement minus its median, in units of the sd of the noise.
+        The window of the moving rms has the length ACTIVE_TIME.
         """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(

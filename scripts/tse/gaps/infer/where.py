@@ -125,14 +125,14 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     place first.
 
     A disturbance is a sum of triangular functions (hats), one every HAT blocks. The
-    amplitudes of the hats are unknown and have a normal prior with mean 0. Its sd is the
-    one of several values that gives the largest evidence. The parameters of `last` are
-    unknown as well: the part of the residuals that they could explain is projected out.
+    amplitudes of the hats are unknown and have a normal prior with mean 0. Several prior
+    sds are tried, and the one with the largest evidence is used. The parameters of `last`
+    are unknown as well: the part of the residuals that they could explain is projected
+    out.
 
     The residuals are linear in the amplitudes, and prior and noise are normal. So the ln
-    evidence has a closed form. In the singular value decomposition of the matrix of
-    responses to the hats (compute_responses()), it is a sum with one term for each
-    singular value.
+    evidence has a closed form: a sum with one term for each singular value of the matrix
+    of responses to the hats (compute_responses()).
     """
     at, units = compute_signals(problem, last.values), library().formula_places
     lateral = [

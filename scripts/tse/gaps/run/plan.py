@@ -28,9 +28,9 @@ from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
 NEED = 8.0  # [nat] min evidence with which two effects count as separated
-# Min value of Option.share with which `tselab gap` can exclude one of the two effects. If
-# the share is smaller, model errors of a real car hide the difference between the
-# effects.
+# `tselab gap` can exclude one of the two effects if the evidence that separates them is
+# at least this share of the evidence for one of them (Option.share). If the share is
+# smaller, model errors of a real car hide the difference between the effects.
 RIVAL_SHARE = 0.1
 # [nat] A manoeuvre excites an effect if the evidence for a car with this effect, against
 # a car without it, is at least this value.
@@ -41,9 +41,10 @@ MIN_EXCITED_NATS = 0.1
 # fitted. If the fit ended early, this difference would be too large.
 FIT_TOLERANCE = 1e-6
 MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
-# If the evidence against the other effect (Option.nats) is less than this share of the
-# evidence against a car without both effects (Option.shows), it is set to 0. So small an
-# evidence comes from the step size of the integration, not from the effects.
+# If the evidence that separates the two effects (Option.nats) is less than this share of
+# the evidence for one of them against a car with neither (Option.shows), Option.nats is
+# set to 0. So small an evidence comes from the step size of the integration, not from
+# the effects.
 SAME = 0.02
 MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need a longer one are not separable
 
@@ -196,8 +197,8 @@ def compute_worth(candidate: Candidate, config: Config, first: Effect, second: E
 def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
     """Return the expected evidence [nat] for the true model against a different model.
 
-    `residuals` are the differences between a log that the true model has simulated
-    without noise, and the fit of the different model to this log.
+    `residuals` are those of the different model on a log that the true model has
+    simulated with almost no noise, in units of the sd of the sensor noise.
     """
     total = 0.0
     for c in np.unique(problem.rows.channel):

@@ -129,10 +129,12 @@ def compute_posterior(
     error.
 
     The measured wheel speeds are inputs of the simulation, so their noise acts on the
-    simulated accel_x. A softer longitudinal stiffness smooths this noise. If the
-    simulation does not explain accel_x (NOISE_LIMIT), the fitted stiffness is therefore
-    too small: by 13 to 45 % for three simulated multi-body cars. In this case the
-    longitudinal stiffness is taken from a regression on the slip of the wheels
+    simulated accel_x. A softer longitudinal stiffness smooths this noise. So if this
+    noise causes a large part of the residuals of accel_x, the fit reduces them by a
+    stiffness that is too small: by 13 to 45 % for three simulated multi-body cars.
+    Therefore the longitudinal stiffness is not taken from the fit if the rms of these
+    residuals exceeds NOISE_LIMIT times the sensor noise, or if accel_x is not measured.
+    It is then taken from a regression on the slip of the wheels
     (estimate_longitudinal()), or from the vehicle file if the logs do not permit the
     regression.
     """

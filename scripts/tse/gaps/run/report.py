@@ -88,7 +88,9 @@ def format_percent(x: float) -> str:
 
 
 def format_size(x: float, unit: str = "", digits: int = 3) -> str:
-    """Return the size of an effect with its unit; "never" if it is infinite."""
+    """Return a number with its unit. Infinity becomes "never": if the smallest visible
+    size of an effect is infinite, the effect is never visible.
+    """
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
