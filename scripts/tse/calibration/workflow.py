@@ -40,8 +40,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of the gyro bias. If the residuals give a
 # larger value, model errors in turns cause it, not the gyro.
 MAX_GYRO_WALK = 0.001
-# Min number of distinct values of a channel, minus 1. A channel with fewer distinct
-# values is treated as not quantised.
+# Min number of differences between neighbouring distinct values of a channel. With fewer
+# differences, the channel is treated as not quantised.
 MIN_STEPS = 10
 
 
@@ -66,11 +66,12 @@ def run(
     jobs
         Number of threads.
     say
-        Called with a line of progress for each step.
+        Called with each line of progress.
     max_steps
         Max number of steps of the search; None: the limit of fit().
     reading
-        Options for reading the logs.
+        Options for reading the logs; None: the defaults. Its member `car` is replaced by
+        `vehicle`.
     road
         The road of all logs, if it is known. None: bank and grade are fitted.
     """
@@ -120,7 +121,8 @@ def calibrate_logs(
     problem = _make_problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < min_seconds:
         raise UserError(
-            f"{seconds:.0f} s of the logs can be compared with a simulation, {min_seconds:.0f} s are needed"
+            f"{seconds:.0f} s of the logs can be compared with a simulation, {min_seconds:.0f} s are needed: "
+            "use logs of a longer drive"
         )
     result = apply_slip_regression(problem, fit(problem, say=say), logs, vehicle)
     return _make_result(vehicle, problem, result, logs, [], notes)
@@ -139,7 +141,7 @@ def _make_problem(
         setattr(config, SHAPE, get_ordinary_car(config)[SHAPE])
     ready = _prepare_logs(logs, config, notes, say)
     if not any(p is not None and p.stretches for p in ready):
-        raise UserError("; ".join(notes) or "no log can be used")
+        raise UserError("; ".join(notes) or "no log has rows that can be compared with a simulation")
     velocity = any(c in log.measured for log in ready if log is not None for c in VELOCITY)
     usable = [(one, log) for one, log in zip(ready, logs, strict=True) if one is not None and one.stretches]
     knots = find_laps([log for _, log in usable], config).lay_knots()
@@ -148,7 +150,8 @@ def _make_problem(
     )
     if not problem.groups:
         raise UserError(
-            f"no log has enough samples of any of {', '.join(MEASURED)} to compare them with a simulation"
+            f"no log has enough samples of any of {', '.join(MEASURED)} to compare them with a simulation: "
+            "log at least one of these channels during the whole drive"
         )
     return problem
 
@@ -161,8 +164,8 @@ def _make_result(
     proofs: list[Proof],
     notes: list[str],
 ) -> CalibrationResult:
-    """Return the result of a calibration. It consists of the fit, the value of each
-    number of the car before and after the fit, the sensor settings, the quantisation
+    """Return the result of a calibration: the fit, the value of each fitted parameter
+    before and after the fit, the misfits `proofs`, the sensor settings, the quantisation
     steps of the channels, and proposals for the next drive or measurement."""
     if vehicle.formula is not None:
         notes.append(
@@ -225,8 +228,9 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
     """Return the problem with the car of the vehicle file, and values of its unknowns.
 
-    No bank and grade are fitted. The lean of each road (superelevation) is the value in
-    the vehicle file, and all other unknowns have their prior means.
+    The car is fixed, so the unknowns are only the superelevation of the road and the
+    biases of the channels in each log. Each superelevation has the value of the vehicle
+    file, and each bias its prior mean, 0. The road has no knots of bank and grade.
     """
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
@@ -265,8 +269,8 @@ def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after
 
 
 def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[CheckedLog]) -> dict[str, float]:
-    """Return the sensor settings: sd of the white noise of a row, random walk of the
-    biases, noise of the wheel speeds, sd of the steering delay.
+    """Return the sensor settings: sd of the white noise in one sample of each channel,
+    random walk of the biases, noise of the wheel speeds, sd of the steering delay.
 
     The random walks are estimated from the residuals of the fitted car with bank and
     grade set to 0. Fitted bank and grade would explain a part of the slow residuals, so
@@ -309,8 +313,10 @@ def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, f
 def find_quantisation(x: np.ndarray) -> float:
     """Return the step by which a channel is quantised; 0 if it is not quantised.
 
-    A channel is quantised if the differences between its values are integer multiples of
-    the smallest difference. This smallest difference is the step.
+    Compute the differences between neighbouring distinct values. The step is the median
+    of those that are below 1.5 times the smallest difference. The channel is quantised if
+    there are at least MIN_STEPS differences, and 99 % of the differences are integer
+    multiples of the step, with errors below 0.1 steps.
     """
     apart = np.diff(np.unique(x[np.isfinite(x)]))
     if len(apart) < MIN_STEPS or not (least := float(apart.min())) > 0:

@@ -75,7 +75,8 @@ def make_config(
 ) -> tuple[Config, list[str]]:
     """Return the settings of a run, and notes.
 
-    The notes state the settings that follow from the log, and those that are not used.
+    The notes state the settings that follow from the log, and the stated settings that
+    the filter does not use.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def make_config(
         The car.
     log : CheckedLog or None
         Log of the run. It determines the sample time, and whether both wheel speeds are
-        the same signal.
+        the same signal. None: no setting follows from a log.
     filter_file : Path or None
         File with further settings, from option --config. None: no file.
     options : Mapping or None
@@ -275,9 +276,10 @@ def wheels_are_one(log: CheckedLog) -> bool:
 
 
 def set_sampling(config: Config, sample_time: float) -> list[str]:
-    """Set the settings sample_time and max_gap; return notes.
+    """Set sample_time, and raise max_gap to at least GAP_IN_SAMPLES sample times.
 
-    `sample_time`: [s] median step between rows.
+    `sample_time`: [s] median step between rows. If the range of the setting does not
+    contain it, set the nearest limit and return a note. Otherwise, return [].
     """
     f = config.fields["sample_time"]
     used = min(max(sample_time, f.low), f.high)
@@ -297,11 +299,11 @@ def filter_text(config: Config) -> str:
 
 
 def c_settings(vehicle: Vehicle) -> str:
-    """Return the settings of a vehicle file as a C99 header with one function.
+    """Return a C99 header with a function that sets the settings of a vehicle file.
 
-    The header can be compiled for any number format of the library. Settings that the
-    file leaves out have the values of an ordinary car with the same mass, lf and lr
-    (src/tables/uncalibrated.toml).
+    The header compiles with a library for double, float or fixed-point numbers. Settings
+    that the file leaves out have the values of an ordinary car with the same mass, lf and
+    lr (src/tables/uncalibrated.toml).
     """
     config, _ = make_config(vehicle, None)
     stated = {*vehicle.values, *config.changed()}

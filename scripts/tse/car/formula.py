@@ -1,11 +1,12 @@
 """Read a formula of the user. Convert it to settings or C, or evaluate it for a log.
 
-With a formula, a user adds an effect to the model that the catalogue of effects lacks. A
-formula consists of a place, i.e. a quantity of the model, an expression that is added to
-this quantity, and the named numbers in the expression. The expression is checked and
-compiled to a program: a list of operations in postfix order. The program is stored in the
-settings formula_code_<k>. Each number is stored in one of the settings formula_a,
-formula_b, ... (src/tables/formula.toml). This setting is called the slot of the number.
+A formula describes an effect that is missing in the catalogue of effects. It adds the
+value of an expression to a quantity of the vehicle model, e.g. to the front slip angle.
+This quantity is called the place of the formula. The expression may contain numbers with
+names. The expression is checked and compiled to a program: a list of operations in
+postfix order. The program is stored in the settings formula_code_<k>. Each number is
+stored in one of the settings formula_a, formula_b, ... (src/tables/formula.toml). This
+setting is called the slot of the number.
 """
 
 from __future__ import annotations
@@ -410,7 +411,7 @@ class _Program:
 
     operations: tuple[str, ...]  # in postfix order
     named: tuple[str, ...]  # names of the numbers stored in formula_a, formula_b, ...
-    constants: tuple[float, ...]  # literals, stored in the settings formula_... after these
+    constants: tuple[float, ...]  # literals, stored in the settings that follow those of `named`
 
 
 # The result is cached: every property of a Formula needs the program, and a search for
@@ -457,7 +458,8 @@ def _parse_text(text: str) -> ast.expr:
     """Parse an expression, after refusing strings that could overload Python's parser."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"key formula: has {len(text)} characters, {MAX_TEXT} are allowed")
-    # only ASCII is allowed: Python converts some other letters to similar ASCII letters
+    # Only ASCII is allowed. Python converts some other letters in names to ASCII letters,
+    # so a name would be understood as a different name from the one in the file.
     if strange := re.search(r"[^A-Za-z0-9_+\-*/()., ]", text):
         raise FormulaError(
             f"key formula: column {strange.start() + 1}: {strange[0]!r} is not allowed; {_describe_allowed()}"
@@ -504,11 +506,12 @@ class _Compiler:
         )
 
     def emit(self, node: ast.AST, step: str | float, takes: int = 0) -> None:
-        """Append an operation that takes `takes` operands, and check that the program is
-        within its limits: operations, values on the stack, operations with memory.
+        """Append a step, and check that the program is within its limits: operations,
+        values on the stack, operations with memory.
 
-        The limits are checked after each operation and not only at the end, since nested
-        powers could make a huge program until then."""
+        `takes`: number of operands of the step; 0 for a signal, number or literal. The
+        limits are checked after each step, since a few nested powers would be compiled to
+        a huge program if the limits were checked only at the end."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -634,7 +637,7 @@ class _Compiler:
             own = {"x": first, "x/s": first / _parse_dimension("s")}
             rest = [own[u] if u in own else _parse_dimension(u) for u in OPERANDS[op]]
             self.check_units(node, operands, units, [first, *rest])
-        else:  # the rule is the unit of all operands and of the result, e.g. 1 for soft
+        else:  # the rule is a unit, which all operands and the result have: "1" for soft(x)
             self.check_units(node, operands, units, [_parse_dimension(rule)] * len(units))
             return _parse_dimension(rule)
         return first
@@ -726,8 +729,9 @@ def _describe_allowed() -> str:
 
 
 def _advise_literal(*parts: ast.expr) -> str:
-    """Return advice for the message on a wrong unit. Return "" if every part of the
-    expression that is in `parts` contains a name."""
+    """Return the end of a message on wrong units of the operands `parts`. If an operand
+    consists only of literals, return advice to replace a literal by a named number with a
+    unit. Otherwise, return ""."""
     if all(any(isinstance(node, ast.Name) for node in ast.walk(part)) for part in parts):
         return ""
     return "; a literal has no unit: replace it by a name, with value and unit in [numbers.<name>]"
@@ -814,8 +818,10 @@ def _read_number(name: str, table: Any) -> Number:
 
 
 def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
-    """Return a value of Formula.found with NumPy types converted to plain Python
-    types."""
+    """Return a value of Formula.found with NumPy types converted to plain Python types.
+
+    `what`: key of the value, for the message. `level`: number of lists around the value,
+    at most 4."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, (list, tuple)) and level < 4:
@@ -939,7 +945,8 @@ def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[floa
 
 @_use_lists
 def _differentiate(h: list[float], x: list[float]) -> list[float]:
-    """Return the rate of change of a signal; if a time step is 0, the previous rate."""
+    """Return the rate of change of a signal since the row before. It is 0 in the first
+    row. If the time step is 0, it is the rate of the row before."""
     y = [0.0]
     for i in range(1, len(x)):
         y.append((x[i] - x[i - 1]) / h[i] if h[i] > 0 else y[-1])

@@ -44,8 +44,8 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
-# 1/friction of the tyres: name of the setting, and of the fitted parameter in the table
-# [calibration]
+# Name of 1/friction of the tyres. The setting and the fitted parameter in the table
+# [calibration] have the same name.
 FRICTION = "tyre_saturation_inverse_friction"
 SHAPE = "tyre_saturation_shape"
 VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
@@ -62,7 +62,9 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 # the calibration does not include the errors of the model of tyres and steering.
 MIN_GRIP_SD = 0.1  # [1] min relative sd of the grip
 MIN_INVERSE_FRICTION = 0.2  # [1] min 1/friction, i.e. friction of at most 5
-CALIBRATED_MODEL_SD = 0.05  # [1] min of the setting model_sd of a calibrated car
+# [1] Min of the setting model_sd of a calibrated car. model_sd is the sd of the part of
+# an IMU channel that the model does not explain, relative to the rms of the channel.
+CALIBRATED_MODEL_SD = 0.05
 # Settings of the sensor noise and of the bias walks that a calibration computes from the
 # logs and writes to the vehicle file. The filter does not use these values: it estimates
 # the noise of the sensors while driving.
@@ -88,8 +90,8 @@ class Vehicle:
     facts: dict[str, Any]  # keys of the file that are not settings: DESCRIPTIVE, HINT_ONLY
     # messages on the values that were filled in for missing keys
     filled: list[str] = field(default_factory=list)
-    # messages on a calibration that used the logs in which the stiffness is then
-    # estimated
+    # messages on the calibration on the logs of the same run (calibration/own.py): its
+    # result, or why it was not made
     found: list[str] = field(default_factory=list)
     given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty] in the file
     notes: list[str] = field(default_factory=list)
@@ -117,7 +119,8 @@ class Vehicle:
 
 @functools.cache
 def get_unknown_car() -> dict[str, float]:
-    """Return the settings of [uncertainty] for an uncalibrated car."""
+    """Return the settings of [uncertainty] for an uncalibrated car. They are the same for
+    every mass, lf and lr."""
     return {
         name: value
         for name, value in _compute_class_values(1900.0, 1.25, 1.5).items()
@@ -149,8 +152,10 @@ def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
     posterior of the calibration is the prior of the filter.
 
     Settings of the vehicle file take precedence over all these values. There are two
-    exceptions, both for a calibrated car: the settings of the prior, and FOUND_SENSORS,
-    which the filter does not take from a calibrated file.
+    exceptions, both for a calibrated car. The initial sds of the stiffnesses, the tyre
+    curve, grip_sd and model_sd follow from the calibration, within the limits
+    MIN_GRIP_SD, MIN_INVERSE_FRICTION and CALIBRATED_MODEL_SD. FOUND_SENSORS have the
+    values of an ordinary car.
     """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -338,7 +343,8 @@ def _read_tables(
     values: dict[str, float],
     unknown: list[str],
 ) -> tuple[dict[str, Any], list[str]]:
-    """Add settings of the tables to `values`, and messages on wrong keys to `unknown`.
+    """Add settings of the tables to `values`, and messages on unknown keys to `unknown`.
+    Raise UserError if a value is invalid.
 
     `tables`: name of the table -> contents. The name "" means the top of the file.
     `check`: a Config. Each value is set in it only to check the range of the value.
@@ -526,7 +532,7 @@ def format_calibration_table(
 
 
 def _format_numbers(values: np.ndarray) -> str:
-    """Format numbers with nine digits.
+    """Format numbers with nine significant digits.
 
     Further digits would depend on the order of summation in the calibration."""
     return json.dumps([float(f"{x:.9g}") for x in values])
@@ -550,7 +556,7 @@ def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # Check correlations instead of covariances: their size does not depend on units, so
+    # Check correlations instead of covariances: correlations do not depend on units, so
     # one tolerance for rounding errors suffices.
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
@@ -568,7 +574,7 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     """Add the settings in [effects.<id>] to `values`; return messages on unknown keys."""
     unknown: list[str] = []
     if not isinstance(effects, dict):
-        raise UserError(f"{path}: effects must be tables: [effects.body_roll]")
+        raise UserError(f"{path}: effects must be tables, e.g. [effects.body_roll]")
     catalogue = library().effects
     for effect, parameters in effects.items():
         if effect not in catalogue:
@@ -619,7 +625,7 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
         if value is not None and (
             isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1000
         ):
-            raise UserError(f"{path}: key {key}: {value!r} is not a positive number")
+            raise UserError(f"{path}: key {key}: {value!r} is not a number above 0 and below 1000")
     axle = vehicle.facts.get("driven_axle", "front")
     if axle not in ("front", "rear", "both"):
         raise UserError(f"{path}: key driven_axle: {axle!r} is not known; allowed: front, rear, both")

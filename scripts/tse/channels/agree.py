@@ -26,9 +26,9 @@ from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
 # [1] sd of ln(measured / expected) in logs with correct units. Keys: the ratios of
-# FIGURES, with "track" for track_front and track_rear if the vehicle file states the
+# FIGURES. "track" is the sd of track_front and track_rear if the vehicle file states the
 # track. Reasons why the ratios are not exactly 1: accel_y: body roll and bank of the
-# road (ratios of 0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x:
+# road; the ratio was 0.91 .. 1.10 with the cars of tests/cars and in real logs. accel_x:
 # pitch and grade. steer_angle: steering compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 # [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
@@ -59,17 +59,17 @@ MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
 # car was 0.85 times as high and the correlation 0.913. The ratio was thus used, and km/h
 # was reported.
 FIT_SLACK = 0.05
-# [1] Cost of correcting one channel by an arbitrary factor, which can be any number from
-# 1/20 to 20. A fitted factor makes the ratios nearer to 1 even by chance. It therefore
-# costs more than a given one: CAUSE_PRICE, plus about 6 for a free parameter with this
-# range and an accuracy of FIGURE_SD. A wrong unit is reported only if its total cost is
-# below the total cost of the best arbitrary factor.
+# [1] Cost of correcting one channel by a fitted factor. Fitting makes the ratios nearer
+# to 1 even by chance, so a fitted factor costs more than a listed mistake with a fixed
+# factor: CAUSE_PRICE plus 6. The 6 is about 2 ln(ln 400 / (0.1 sqrt(2 pi))): ln factor is
+# assumed in -ln 20 .. ln 20, i.e. a range of ln 400, and is estimated with the sd 0.1. A
+# wrong unit is reported only if its total cost is below that of the best fitted factor.
 FREE_FACTOR_PRICE = 12.0
-# [1] A cause, i.e. a wrong unit or sign, explains a wrong ratio (FIGURES) if |ln ratio|
-# is below this after the unit or sign is corrected.
+# [1] A wrong unit or sign explains a wrong ratio (FIGURES) if |ln ratio| is below
+# EXPLAINED + 0.05 after the unit or sign is corrected.
 EXPLAINED = 0.10
-# [1] If |ln ratio| of any ratio exceeds this, there is a warning even if no wrong unit or
-# sign explains it.
+# [1] If |ln ratio| of any ratio exceeds this plus 2 sd of ln ratio, there is a warning
+# even if no wrong unit or sign explains the ratio.
 MAX_UNEXPLAINED = 0.35
 # [1] A wrong unit is not the only reason for a wrong ratio of the steering angle. A car
 # that is always braked in bends may oversteer, which changes the ratio, too: |ln ratio|
@@ -121,12 +121,16 @@ FIGURES = {
 
 # [s] Wheel speeds of 0 in a moving car are reported if they last at least this long.
 MIN_FALSE_STOP = 0.5
-# [m/s] min sum of the step to 0 and the step back from 0, e.g. 5 m/s each
+# [m/s] Wheel speeds of 0 are reported if the speed in the row before them plus the speed
+# in the row after them exceeds this.
 MIN_FALSE_STEP = 10.0
-# [1] max ratio of a measured velocity to the wheel speed. Min ratio: 1 / MAX_SPEED_RATIO
+# [1] There is a warning if the ratio of ins_vel_x or gnss_speed to the wheel speed [m/s]
+# is not within 1 / MAX_SPEED_RATIO .. MAX_SPEED_RATIO (median over the log).
 MAX_SPEED_RATIO = 1.25
 MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
-CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or of the course are compared
+# [s] Interval over which the change of gnss_course is compared with that of the heading,
+# and the change of ins_vel_y with the integral of accel_y - v r.
+CHANGE_TIME = 0.5
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
 # [1] There is a warning if the ratio of the force of the wheel torques to mass x accel_x
@@ -142,11 +146,11 @@ MIN_AXLE_SHARE = 0.25
 # of the two sensitivities deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
 # If a log has the wheels of the left side of the car in the channel of one axle, and
-# those of the right side in the channel of the other axle, the difference of front and
-# rear wheel speed is plus or minus the track times the yaw rate. There is a warning if a
-# fit finds such a factor. SIDE_LEVER: [m] range of its magnitude, i.e. of a track.
-# MIN_SIDE_SHARE: [1] min share of the variance of the difference that the yaw rate
-# explains. The part of the variance that slip explains is subtracted first.
+# those of the right side in the channel of the other axle, front - rear wheel speed [m/s]
+# is the track times the yaw rate, or minus this product. There is a warning if the fitted
+# factor of the yaw rate is as large as a track. SIDE_LEVER: [m] min and max magnitude of
+# this factor. MIN_SIDE_SHARE: [1] min share of the variance of front - rear speed that
+# the yaw rate explains. The part of the variance that slip explains is subtracted first.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
 # [s] max magnitude of the delay of the measured accel_y behind the accel_y that follows
 # from speed and yaw rate. There is a warning if the delay is larger by more than 3 sd. In
@@ -185,8 +189,9 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]  # [1] name -> sd of the logarithm of the ratio
-    # names of the ratios in `value` that exceed MIN_FIT, or to which no MIN_FIT applies.
-    # The other ratios in `value` only exceed MIN_FIT - FIT_SLACK
+    # Names of the ratios in `value` whose correlation (steer_angle: explained share)
+    # exceeds MIN_FIT, or to which no MIN_FIT applies. The correlation of the other ratios
+    # only exceeds MIN_FIT - FIT_SLACK.
     sure: frozenset[str] = frozenset()
 
     def select(self, names: Collection[str]) -> Figures:
@@ -299,9 +304,10 @@ def check_units(
     radius_front, radius_rear : float
         [m] Radii of the wheels.
     ratio : float or None
-        Steering ratio. None: unknown.
+        Steering ratio. None: unknown, USUAL_STEERING_RATIO is assumed.
     tracks : mapping of str to float, optional
-        Track of the axles "front" and "rear", m.
+        [m] Track of the axles "front" and "rear". UNKNOWN_TRACK is assumed for an axle
+        without a value, and for both axles if None.
     mass : float, optional
         Mass of the car, kg. None: wheel torques are not checked.
 
@@ -407,8 +413,8 @@ def _holds_throughout(
 
 
 def _list_alternatives(name: str, x: float) -> str:
-    """Return the last part of a warning: mistakes other than units that explain the
-    ratio.
+    """Return the last part of a warning: mistakes other than units that explain a wrong
+    ratio of accel_x or steer_angle; "" for the other ratios.
 
     `name`: name of the ratio. `x`: its value."""
     if name == "accel_x":
@@ -448,7 +454,8 @@ def find_false_stops(
 
     Criterion: the speeds step to 0 from one row to the next, and later step back to the
     speed of the car in the same way. The sum of both steps exceeds MIN_FALSE_STEP.
-    Braking and accelerating cannot cause such steps."""
+    Braking and accelerating cannot cause such steps. Speeds below `hold_speed`, m/s,
+    count as 0."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -560,7 +567,7 @@ def _check_pedals(
 
 
 def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
-    """Return all channels of the log, resampled to COMPARISON_RATE and low-passed."""
+    """Return the channels to check, resampled to COMPARISON_RATE and low-passed."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
