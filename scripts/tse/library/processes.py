@@ -1,4 +1,4 @@
-"""Run tasks in processes of this machine or of a Dask cluster, with the same results.
+"""Run tasks in processes of this machine or of a Dask cluster; both give equal results.
 
     for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as tasks finish
         result()  # returns the value of do(task), or raises its error
@@ -27,7 +27,7 @@ from typing import Any, TypeAlias
 from tse.library.errors import UserError
 
 CONNECT_TIMEOUT = 10  # [s] maximum wait for the answer of a scheduler
-WORKERS_TIMEOUT = 3  # [s] maximum wait for the first worker; workers start after the scheduler
+WORKERS_TIMEOUT = 3  # [s] maximum wait until a newly started cluster has a worker
 Work: TypeAlias = Callable[[Any], Any]
 # a task, and a function that returns the result of the task or raises its error
 Finished: TypeAlias = tuple[Any, Callable[[], Any]]
@@ -43,9 +43,10 @@ class Died(RuntimeError):
 class Workers:
     """Interface of classes that run tasks.
 
-    submit() accepts a task. next() waits until any task is finished, and returns this
-    task and a function that gives its result. If an error ends the `with` block, running
-    tasks are stopped."""
+    Use: `with LocalPool(do, jobs) as workers`. submit() accepts a task. next() waits
+    until any task is finished, and returns the task and a function that returns the
+    result of the task. If the `with` block ends with an error, running tasks are
+    stopped."""
 
     submit: Callable[[Any], None]
     next: Callable[[], Finished]
@@ -60,7 +61,7 @@ class Workers:
 def run_in_processes(
     do: Work, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[Finished]:
-    """Yield each task as soon as it is finished.
+    """Yield each task, with its result, as soon as the task is finished.
 
     Parameters
     ----------
@@ -71,14 +72,15 @@ def run_in_processes(
     jobs : int
         Number of processes. With 1, the tasks run in this process, in their order.
     scheduler : str, optional
-        Address of a Dask scheduler. If given, its workers run the tasks.
+        Address of a Dask scheduler. If given, its workers run the tasks, and `jobs` has
+        no effect.
 
     Yields
     ------
     task
         A finished task.
     result : callable
-        Function that returns the result of the task, or raises its error.
+        Function that returns do(task), or raises the error that do(task) raised.
     """
     if tasks:
         few = InProcess(do) if jobs == 1 else LocalPool(do, min(jobs, len(tasks)))
@@ -90,9 +92,9 @@ def run_in_processes(
 
 
 class InProcess(Workers):
-    """Run the tasks in this process. A task runs when the function that next() returned
-    for it is called.
-    """
+    """Run the tasks in this process.
+
+    next() returns a task and a function. The task runs when this function is called."""
 
     def __init__(self, do: Work):
         self._do = do
@@ -113,8 +115,9 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # tasks that were running when a process died. Each of them runs again, alone in a
-        # new process. If this process dies, too, its task is the cause
+        # Tasks that ran or waited when a process died: any running task may have killed
+        # it. Each of them runs again, alone in a new process. If the new process dies,
+        # too, the function that next() returns for the task raises Died.
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
@@ -136,7 +139,7 @@ class LocalPool(Workers):
     def next(self) -> Finished:
         while not self._suspects:
             # get() instead of futures.wait(): if Ctrl-C interrupts wait(), the locks of
-            # the futures stay held, and the pool never ends
+            # the futures stay held, and shutdown() would wait for them forever
             future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -160,7 +163,10 @@ class LocalPool(Workers):
 
 
 def _raise_died(more: str = "") -> Any:
-    """Raise Died. next() returns this function for a task whose process has died."""
+    """Raise Died; `more` is appended to the message.
+
+    If the process of a task has died, next() returns the task with this function, instead
+    of the function that returns the result."""
     raise Died(more)
 
 
@@ -181,9 +187,10 @@ def _end_with_parent() -> None:
 class DaskCluster(Workers):
     """Run the tasks on the workers of a Dask cluster.
 
-    The workers must reach files under the same paths as this process. If a worker dies,
-    the scheduler repeats its task on a different worker. Before the first task, `check`
-    is called with the client and the address of the scheduler."""
+    All paths must lead to the same files on the workers as in this process. If a worker
+    dies, the scheduler repeats its task on a different worker. Before the first task,
+    check(client, address of the scheduler) is called. It raises an error if the cluster
+    cannot be used."""
 
     def __init__(
         self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
@@ -221,7 +228,9 @@ class DaskCluster(Workers):
 
 
 def connect_to_dask(scheduler: str) -> Any:
-    """Return a client that is connected to the Dask scheduler at this address."""
+    """Return a client that is connected to the Dask scheduler at this address.
+
+    Raise UserError if Dask is not installed or no scheduler answers."""
     try:
         import distributed
     except ImportError:
@@ -238,13 +247,15 @@ def connect_to_dask(scheduler: str) -> Any:
 
 
 def check_workers(client: Any, scheduler: str) -> None:
-    """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
+    """Raise UserError if a cluster has no workers, or if the code of tselab on a worker
+    is missing or differs from that of this process.
 
     Without workers, the run would wait forever. A worker with different code could give
     different results."""
 
-    # an inner function, because Dask sends its code, so that a worker without tselab can
-    # run it
+    # This is an inner function, because Dask sends the code of an inner function. Of a
+    # function of a module it sends only the name, which a worker without tselab could not
+    # import.
     def read_version() -> tuple[str, str]:
         import hashlib
         from pathlib import Path
@@ -272,7 +283,7 @@ def check_workers(client: Any, scheduler: str) -> None:
             raise UserError(
                 f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has "
                 f"{other.get(version, f'tselab {version}')}, but this process has tselab {mine[0]}; "
-                "install the same version on the worker"
+                "install the same code on the worker"
             )
 
 

@@ -1,31 +1,34 @@
-"""Repair the times of logs: duplicates, late entries, jumps. Report repairs in notes.
+"""Repair the times of a log, and describe each repair in a note for the user.
 
-An entry is a row, a frame or a sample of a log, with its time."""
+Repaired are equal times, times in the wrong order, and jumps of the clock. An entry is a
+row, a frame or a sample of a log, with its time."""
 
 import numpy as np
 
 DAY = 86400.0  # [s]
-# If the time of an entry is lower than the highest time before it, either this entry was
-# delayed in a buffer (it is "late"), or the clock was set back. It is late if its time is
-# lower by at most MAX_LATE_TIME, and if one of the next MAX_LATE_ROWS / 2 entries has a
-# time above the highest one: after a delayed entry, times soon continue as before. If one
-# of these conditions is not met, the clock was set back.
+# Let T be the highest time before an entry. If the time of the entry is below T, either
+# the entry was delayed in a buffer (it is "late"), or the clock was set back. It is late
+# if its time is at least T - MAX_LATE_TIME, and if one of the next MAX_LATE_ROWS / 2
+# entries has a time above T: after a late entry, times soon continue as before.
+# Otherwise the clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
-# [s] longest gap that the library allows; a longer jump is taken as an error of the clock
+# [s] longest step between rows that the C library accepts. A longer step is taken as a
+# jump of the clock
 MAX_TIME_GAP = 3600.0
 BRIDGED_GAP = 60.0  # [s] gap that replaces a jump beyond MAX_TIME_GAP; longer than any transient of a car
 
 
 def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times that increase.
+    """Repair times, so that they increase from entry to entry.
 
     Parameters
     ----------
     time : ndarray, (entries,)
         [s] Times in the order of the file. NaN: missing.
     together : bool
-        True: entries may have the same time, as frames of a bus do.
+        True: successive entries may have the same time, as frames of a bus do. These
+        times are not repaired.
 
     Returns
     -------
@@ -39,14 +42,14 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     Notes
     -----
     - Entries without a time are dropped.
-    - If entries have the same time, the last one is kept. But if more than 20 % of the
-      entries have the same time as the next entry, the resolution of the clock is too
-      coarse. Then all entries are kept, and entries with the same time are spread evenly
-      up to the next time.
+    - If entries have the same time, and `together` is False, the last one is kept. But if
+      more than 20 % of the entries have the same time as the next entry, the resolution
+      of the clock is too coarse. Then all entries are kept, and entries with the same
+      time are spread evenly up to the next time.
     - Late entries (see MAX_LATE_TIME) are dropped.
     - If times fall and continue from the lower value, the clock was set back or has
-      overflowed. The first entry after the fall gets the highest time before it plus a
-      median step, and all later times are shifted by the same amount.
+      overflowed. The first entry after the fall gets the highest time before it plus the
+      median of all positive steps. All later times are shifted by the same amount.
     - A jump ahead by more than MAX_TIME_GAP becomes a gap of BRIDGED_GAP.
     """
     notes: list[str] = []
@@ -106,14 +109,16 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
 
 def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Remove falls of the clock: add a shift to all times after each fall.
+    """Remove the falls of the clock, i.e. the places where it was set back. All times
+    after a fall are increased by the same shift.
 
     Parameters
     ----------
     t : ndarray, (entries,)
         [s] Finite times.
     usual : float
-        [s] Median step. It becomes the step across each fall.
+        [s] Median of the positive steps. The shift is such that the step from the highest
+        time before the fall to the first time after it is `usual`.
 
     Returns
     -------
@@ -128,7 +133,7 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
     falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
-    highest, shift = float(t[0]), 0.0  # [s] highest time so far; shift of the entries from i on
+    highest, shift = float(t[0]), 0.0  # [s] highest shifted time before entry i; shift to add from i on
     i = 0
     while i < len(t):
         if t[i] + shift >= highest:

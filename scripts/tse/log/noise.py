@@ -6,24 +6,24 @@ The sd of the noise of a channel, while the car moves, is the largest of these v
     1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6). k: the hold, explained below.
 (b) For a quantised channel: quantisation step / sqrt(12).
 (c) For an accelerometer: an sd of its misfit to the kinematics, accel_x - dv/dt or
-    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to the misfit. It is
-    averaged over 0.2 s, and its slow part (average over 2 s) is subtracted. The sd of the
-    result is computed in each window of 2 s, and the quantile 0.3 of these sds represents
-    quiet driving. It is the sd of an average over 0.2 s. White noise with the same effect
-    has a larger sd in each row: it is larger by the square root of the number of rows in
-    0.2 s, so this quantile is multiplied by that root.
+    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to the misfit. The
+    misfit is averaged over 0.2 s, and its slow part (the average over 2 s) is subtracted.
+    The sd of the result is computed in each window of 2 s. The quantile 0.3 of these sds
+    represents quiet driving. It is the sd of averages over n rows (0.2 s). White noise
+    whose averages over n rows have this sd has an sd sqrt(n) times as large in each row.
+    So the quantile is multiplied by sqrt(n).
 (d) A lower limit, NOISE_FLOOR, which is 0 for wheel speeds.
 
-If a sensor is slower than the rows, each of its samples is repeated, or interpolated
-linearly, over several rows. The number of these rows is the hold k. The filter uses each
-row as an independent measurement, but k rows contain the information of one sample only.
-So (a) and (b) are multiplied by sqrt(k): k rows then have the weight of one sample. For
-wheel speeds, (a) and (b) of the noisier axle are used for both axles.
+If a sensor has fewer samples per second than the log has rows, each sample is repeated,
+or interpolated linearly, over several rows. The number of rows per sample is the hold k.
+The filter uses each row as an independent measurement, but k rows contain the information
+of one sample only. So (a) and (b) are multiplied by sqrt(k): k rows then have the weight
+of one sample. For wheel speeds, (a) and (b) of the noisier axle are used for both axles.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
 drifting mounting cause. The initial sd of the bias is the size of this slow part. The sd
-of its random walk is the change of the slow part over 1 s. For the gyro, the initial sd
-of the bias is fixed."""
+of the random walk of the bias over 1 s is the sd of the change of the slow part over 1 s.
+For the gyro, the initial sd of the bias is fixed."""
 
 from dataclasses import dataclass
 
@@ -43,8 +43,8 @@ MIN_NOISE_ROWS = 50  # min number of rows from which noise is estimated
 # The misfit of an accelerometer is its value minus the acceleration that follows from
 # wheel speeds and yaw rate (class Misfit).
 AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
-# [s] length of the windows in which the sd of the misfit is computed. The average of the
-# misfit over this time is its slow part.
+# [s] length of the windows in which the sd of the misfit is computed; also the interval
+# over which the misfit is averaged to get its slow part
 WINDOW_TIME = 2.0
 SLOW_CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part of the misfit is measured
 QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
@@ -54,12 +54,13 @@ MIN_MOVING_SPEED = 3.0  # [m/s] above it, the car counts as moving
 
 @dataclass(frozen=True)
 class Misfit:
-    """Size of the difference between an accelerometer and the kinematics: of accel_x -
-    dv/dt or accel_y - v yaw_rate, with the speed v from the wheels.
-    """
+    """Statistics of the misfit of an accelerometer to the kinematics.
 
-    # [m/s2] sd of the white noise in each row whose averages over 0.2 s would have the
-    # same sd as those of the misfit
+    The misfit is accel_x - dv/dt or accel_y - v yaw_rate, with the speed v from the
+    wheels."""
+
+    # [m/s2] sd of the misfit, averaged over n rows (0.2 s) and without its slow part,
+    # times sqrt(n). White noise with this sd in each row has the same sd after averaging
     sd: float
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
@@ -107,10 +108,10 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
 def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """Return the noise of a channel of a log; None if the log is too short.
 
-    If a channel has fewer entries than the log has rows, it was interpolated to the rows.
-    Its noise is then estimated from the original entries. The filter uses each row as an
-    independent measurement. So that all rows of an entry together have the weight of one
-    entry, the sd is multiplied by the square root of the number of rows per entry."""
+    A channel in log.slower has fewer original samples than the log has rows, and was
+    interpolated to the rows. Its noise is estimated from the original samples. The filter
+    uses each row as an independent measurement, although n rows contain only one sample.
+    So the sd is multiplied by sqrt(n): n rows then have the weight of one sample."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
@@ -134,10 +135,12 @@ def _measure_scale(x: np.ndarray) -> float:
 def _find_hold(x: np.ndarray, scale: float) -> int:
     """Return the hold: the number of rows over which x is constant or on a straight line.
 
-    It follows from the share of the first or second differences of x that are 0.
-    Differences below 0.001 `scale` count as 0. `scale` is the size of the variations of
-    x. For a wheel speed, which varies much but slowly, `scale` is the sd of the changes
-    from row to row."""
+    If x is constant over k rows, the share 1 - 1/k of its first differences is 0. If x is
+    a straight line over k rows, the same share of its second differences is 0. The hold k
+    follows from the larger one of the two shares. Differences below 0.001 `scale` count
+    as 0. `scale` is the median deviation of x from its median. But for inputs of the
+    model (DRIVES), which vary much but slowly, it is the sd of the changes from row to
+    row."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
@@ -156,10 +159,10 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
-    """Return the misfits of accel_x and accel_y to the kinematics: channel -> misfit.
+    """Return the misfits of accel_x and accel_y, see class Misfit: channel -> misfit.
 
-    A channel is omitted if the log lacks it or the car moves too little. The radii [m]
-    are those of the wheels."""
+    A channel is omitted if the log lacks it or its kinematics, or if the car moves too
+    little. radius_front, radius_rear: [m] wheel radii."""
     if not log.sample_time:
         return {}
     d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
@@ -201,10 +204,9 @@ def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
 
 
 def _compute_quiet_sd(x: np.ndarray) -> float:
-    """Return the sd of x from the quantile QUIET_QUANTILE of |x|.
+    """Return (quantile QUIET_QUANTILE of |x|) / NORMAL_QUIET.
 
-    This quantile represents quiet driving. The result is the sd of a normal distribution
-    that has the same quantile."""
+    This is the sd of x, if x is normally distributed with mean 0 in quiet driving."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
@@ -212,13 +214,13 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 
 
 def find_new_values(x: np.ndarray) -> np.ndarray:
-    """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
+    """Mark the rows in which the signal x has a new sample.
 
-    A row that repeats the last sample has an old measurement and must not count as a new
-    one. If x is slow, it has a new sample every `beat` rows, so the distances between its
-    changes are multiples of `beat`. If the distances are not such multiples, x is not
-    slow but quantised: values repeat by chance, and each row has a new sample. Then all
-    rows are marked."""
+    A slow signal has a new sample every `beat` rows. The rows between repeat this sample:
+    they contain no new measurement, and are not marked. The distances between changes of
+    a slow signal are multiples of `beat`. If less than 90 % of the distances are, x is
+    not slow but quantised: successive samples are equal by chance, and each row has a new
+    sample. Then all rows are marked, as also if x has too few changes for a decision."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

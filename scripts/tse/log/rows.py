@@ -25,10 +25,10 @@ MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
 # column of an axle -> columns of its two wheels, which a log may have instead
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}
 # Optional column of a log -> unit, lowest and highest value, description, hint for a
-# wrong unit. The C library receives only those of these columns that
-# src/tables/input.toml lists. Of the others, latitude and longitude locate the car on a
-# road. vehicle_speed serves to check the units of other columns, and replaces the wheel
-# speeds in a log that has none.
+# column in a wrong unit. A column that src/tables/input.toml lists is passed to the C
+# library. The others are gnss_latitude and gnss_longitude, which locate the car on a
+# road, and vehicle_speed. It serves to check the units of other columns, and replaces the
+# wheel speeds in a log that has none.
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -76,14 +76,14 @@ COLUMN_HINTS = {
 }
 
 # Limits of a time column
-# [s] allowed median step between rows. A step below MIN_ROW_STEP is refused only if it is
-# below half of it
+# [s] lowest and highest median step between rows. The check of a log is more lenient: it
+# refuses a median step only below MIN_ROW_STEP / 2 or above MAX_ROW_STEP
 MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0
 # share of rows whose time falls. Above it the log is refused: its rows are not sorted by
 # time
 MAX_SHUFFLED = 0.2
-# share of rows whose time does not increase. Above it the log is refused: the column does
-# not hold times
+# share of rows whose time is below or equal to the time of the row before. Above it the
+# log is refused: the column does not hold times
 MAX_BACK = 0.5
 
 # Limits of a channel
@@ -99,12 +99,13 @@ MIN_TURN_SHARE = 0.5
 # the two other channels. For a measured accel_y, the share is at least 0.04, even in a
 # simulation without noise.
 MAX_COMPUTED_MISFIT = 0.015
-# A logger may write zeros for missing values. A run of zeros, i.e. of successive rows
-# with the value 0, is suspicious if the values before and after it have the same sign,
-# and if both magnitudes exceed ZERO_JUMP_STEPS times the 95 % quantile of the changes
-# from row to row (without changes from or to 0). If at least MIN_ZERO_RUNS runs of a
-# channel are suspicious, and if these are at least the share MIN_ZERO_SHARE of all its
-# runs of zeros, all zeros of the channel are treated as missing values.
+# A logger may write zeros for missing values. A run of zeros is a group of successive
+# rows with the value 0. It is suspicious if the values before and after it are far from 0
+# on the same side: a real signal would come close to 0 before it is 0. Far means a
+# magnitude above ZERO_JUMP_STEPS times the 95 % quantile of |change from row to row|
+# (without changes from or to 0). All zeros of a channel are treated as missing values if
+# at least MIN_ZERO_RUNS runs, and at least the share MIN_ZERO_SHARE of all runs, are
+# suspicious.
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
 # A bus may send a fixed value that means "not available". The value of a channel with the
 # largest magnitude is taken as such a code, and treated as missing, under three
@@ -116,19 +117,18 @@ MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
 MIN_STUCK_ROWS = 200
 MAX_WITNESS_ROWS = 100000  # if a log has more rows, only every n-th row is used for WITNESSES
 # A measurement is stuck if it has the same value in all rows although the motion of the
-# car changes. The change is seen in a second channel, the witness. Columns: measurement;
-# witness; limit of the range of the witness (95 % minus 5 % quantile), in the unit of the
-# witness. If the range exceeds the limit, a sensor that works would not have measured the
-# same value all the time.
+# car changes. The motion changes if the range (95 % minus 5 % quantile) of a second
+# channel, the witness, exceeds a limit. Columns: measurement; witness; limit in the unit
+# of the witness.
 WITNESSES = (
     ("accel_x", "wheel_speed_rear", 5.0),  # [rad/s] 1.5 m/s of speed
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# [1] average() compares two shares with this limit. If at least this share of the values
-# of a channel is missing in a block, the mean of the channel over the block is NaN. If
-# the number of rows in a block is at most this share of the median over all blocks, the
-# block is dropped.
+# [1] average() divides a log into blocks of equal duration, and replaces the rows of each
+# block by their mean. The mean of a channel is NaN if at least this share of the rows of
+# the block lacks the channel. A block is dropped if its number of rows is at most this
+# share of the median number of rows per block.
 MAX_MISSING = 0.5
 
 
@@ -137,10 +137,10 @@ class Reading:
     """Options of all commands that read a log."""
 
     signals: Path | None = None  # signals.toml; None: the file next to the log, if there is one
-    rate: float | None = None  # [Hz] rate of the rows; None: as in signals.toml, else as in the log
+    rate: float | None = None  # [Hz] rate to resample to; None: that in signals.toml, else that of the log
     strict: bool = False  # True: warnings become errors
     databases: tuple[Path, ...] = ()  # databases of the bus
-    car: Any | None = None  # vehicle.Vehicle, for wheel radii and steering ratio
+    car: Any | None = None  # vehicle.Vehicle, for wheel radii and steering ratio; None: unknown
 
     def files(self, log: Path) -> list[Path]:
         """Return the files, apart from the log, that determine its rows."""
@@ -163,10 +163,10 @@ class SlowChannel:
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
     """Write the finite values of `columns` to the optional channels of `rows`.
 
-    `rows` is an array of tse_input, the input struct of the C library. For each optional
-    channel, a bit of rows["given"] states whether the channel has a value in this row.
-    The function sets the bits of the finite values. A course is wrapped to -pi .. pi
-    rad."""
+    `rows` is an array of tse_input, the input struct of the C library. rows["given"] has
+    one bit for each optional channel. The function sets the bit in the rows in which the
+    value is finite. In the other rows of a column, it writes 0 and leaves the bit unset.
+    gnss_course is wrapped to -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -186,12 +186,13 @@ class CheckedLog:
     time: np.ndarray  # [s] increasing
     data: pd.DataFrame  # channels of the library; missing values are NaN
     ref: pd.DataFrame  # reference values: columns ref_...
-    line: np.ndarray  # number of the line (or row, see `place`) of each row in the file
+    line: np.ndarray  # number by which messages name each row, see `place`
     sample_time: float | None  # [s] median step between rows; None: there is a single row
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # median number of rows of the file that one row averages
     extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # optional columns
-    place: str = "line"  # what `line` counts, for messages: lines of the file, or resampled rows
+    # what `line` counts: "line" (of the file) or "row" (of a data frame or resampled log)
+    place: str = "line"
     # Axle whose wheel speeds are not in the file. It gets the wheel speeds of the other
     # axle, so longitudinal slip is not observable. None: both axles are in the file.
     stand_in: str | None = None
@@ -199,9 +200,10 @@ class CheckedLog:
     # wheel radius of the other axle / wheel radius of the axle `stand_in`. With it, wheel
     # speed x wheel radius is the same at both axles
     stands_by: float = 1.0
-    slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels with fewer entries than rows
+    slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels interpolated to the rows
     # Axle whose two wheel speeds are in the file -> (right - left wheel speed) / yaw
-    # rate, which is track width / wheel radius. 0: unknown, since noise dominates.
+    # rate, which is track width / wheel radius. 0: unknown, since this difference of the
+    # wheel speeds is mainly noise.
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
@@ -236,7 +238,7 @@ class CheckedLog:
 
 
 def list_columns() -> list[str]:
-    """Return the names of the columns that the library needs."""
+    """Return "time" and the names of the channels that the C library receives."""
     return ["time", *(f.name for f in library().channels)]
 
 
@@ -256,29 +258,31 @@ def find_signals_file(path: Path) -> Path | None:
 
 
 def find_absent_channels(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
-    """Return the channels that the log lacks and that are not required.
+    """Return the channels that the log lacks, but is allowed to lack.
+
+    The caller refuses a log that lacks any other channel.
 
     Parameters
     ----------
     names : collection of str
         Columns of the log.
     sides : collection of str
-        Wheel speeds of axles for which the log has two columns, one for each wheel,
-        instead of one column for the axle.
+        wheel_speed_front, wheel_speed_rear or both: channels for which the log has two
+        columns, one for each wheel, instead of one column for the axle.
     spare : collection of str
-        Channels that are not required. In addition, the wheel speed of one axle is not
-        required if the log has the wheel speed of the other axle.
+        Channels that the log may lack. It may also lack the wheel speed of one axle if it
+        has that of the other axle.
     """
-    # A column that differs from the name of a channel only by capital letters is taken as
-    # a misspelling of this name. The channel is then not returned as absent. So the
-    # caller refuses the log and suggests the right name, instead of estimating without
-    # the channel.
+    # If a column differs from the name of a channel only by capital letters, the name is
+    # misspelt: the log does have the channel. The channel is not returned. So the caller
+    # refuses the log and suggests the right name, instead of estimating without the
+    # channel.
     misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # An axle without wheel speeds is not required, because the wheel speeds of the other
-    # axle replace them. But if the log has one of the two wheels of this axle, the second
-    # wheel was probably forgotten. The axle is then not returned as absent, so the caller
+    # A log may lack the wheel speed of one axle, because the wheel speed of the other
+    # axle replaces it. But if the log has one of the two wheels of the lacking axle, the
+    # second wheel was probably forgotten. The axle is then not returned, so the caller
     # refuses the log.
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
@@ -302,11 +306,12 @@ def check_log(
     time : ndarray, (rows,)
         [s] Increasing times.
     table : dict of str to ndarray, (rows,)
-        Columns in SI units. A key is the name of a channel, or of one wheel of an axle.
-        The function removes the columns that it uses.
+        Columns in SI units: channels (or the two wheels of an axle), reference values
+        (ref_...) and optional columns. The function removes the channels and the
+        reference values from `table`.
     line : ndarray of int, (rows,)
-        Number by which messages name each row (see `place`): that of the line of a text
-        file, or of the row of a data frame or of a resampled log.
+        Number of each row in messages. It counts the lines of a text file, the rows of a
+        data frame or the rows of a resampled log.
     notes : list of str
         Receives notes about missing and unusable values.
     spare : collection of str
@@ -403,9 +408,10 @@ def _check_channels(
 def _join_wheels(
     data: dict[str, np.ndarray], sides: Mapping[str, Sequence[str]], notes: list[str]
 ) -> dict[str, float]:
-    """Replace the two wheels of each axle by their mean.
+    """Replace the columns of the two wheels of an axle by one column, their mean.
 
-    Return for each axle (right - left wheel speed) / yaw rate, see _average_axle()."""
+    Return the turn ratios, see _average_axle(): axle -> (right - left wheel speed) / yaw
+    rate. `sides`: axle -> columns of its two wheels."""
     per_turn = {}
     for axle, pair in sides.items():
         mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
@@ -442,11 +448,11 @@ def _check_sample_time(path: Path, step: float) -> None:
 
 
 def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
-    """Discard a measurement that is stuck, i.e. equal in all rows although the car moves.
+    """Discard a measurement that is stuck, i.e. equal in all rows although the motion of
+    the car changes (see WITNESSES).
 
-    WITNESSES lists for each measurement a second channel, the witness, whose range shows
-    that the measurement should have changed. The filter also detects a stuck measurement,
-    but only after some rows, and the estimates up to then would be wrong."""
+    The filter also detects a stuck measurement, but only after some rows. The estimates
+    of these rows would be wrong."""
     for name, witness, threshold in WITNESSES:
         value = data[name]
         first = int(np.isfinite(value).argmax())
@@ -464,9 +470,10 @@ def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]],
 
 
 def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
-    """Replace by NaN an outlying value that repeats exactly in many rows.
+    """Replace by NaN a bus code for "not available", see MIN_CODE_RATIO.
 
-    Such a value is a bus code for "not available"."""
+    The code is the value of largest magnitude, if this magnitude occurs in many rows and
+    is much larger than all others."""
     size = np.abs(data[name])
     top = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
     rows = size == top
@@ -543,9 +550,8 @@ def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
     """Return the part of a log in which the car turns most, for checks of its sensors.
 
-    The part has at most `rows` rows and lasts at most `rows` x 0.01 s. So it has `rows`
-    rows if the sample time is at most 0.01 s, and fewer rows if the sample time is
-    longer. A log that is shorter than the part is returned completely."""
+    The part has `rows` rows if the sample time is at most 0.01 s. Otherwise it lasts
+    `rows` x 0.01 s, i.e. has fewer rows. A shorter log is returned completely."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
@@ -584,18 +590,18 @@ def _average_axle(
     """Return the mean wheel speed [rad/s] of an axle, and the turn ratio.
 
     The turn ratio is (right - left wheel speed) / yaw rate, which equals track width /
-    wheel radius. It is fitted to the rows that have both wheels. If noise dominates the
-    difference of the wheel speeds (see MIN_TURN_SHARE), the returned turn ratio is 0. In
-    a row with only one wheel, the mean is the speed of this wheel, corrected by half of
-    the difference that follows from the fitted turn ratio and the yaw rate."""
+    wheel radius. It is fitted to the rows that have both wheels. In a row with only one
+    wheel, the mean is left + h or right - h, with h = turn ratio x yaw rate / 2. If noise
+    dominates the difference of the wheel speeds (see MIN_TURN_SHARE), 0 is returned
+    instead of the fitted turn ratio."""
     difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     rate = yaw_rate if both.all() else yaw_rate[both]
     turned = float(np.sum(rate**2))
     difference = difference if both.all() else difference[both]
     differed = float(np.sum(difference**2))
-    # This and the mean below are computed in place, to save memory: a column of 10 h
-    # takes 30 MB.
+    # The product and, below, the mean are computed in place, to save memory: a column of
+    # 10 h takes 30 MB.
     difference *= rate
     per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
     del difference, rate
@@ -610,7 +616,7 @@ def _average_axle(
             f"{axle}: one of both wheels is missing in {one_only.sum()} rows: "
             "its speed is computed from the other wheel and the yaw rate"
         )
-    # on a straight road the difference of the wheels is only noise
+    # False, for example, on a straight road, where the difference is only noise
     shown = bool(per_turn**2 * turned > MIN_TURN_SHARE * differed)
     return mean, per_turn if shown else 0.0
 
@@ -655,21 +661,21 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     Parameters
     ----------
     log : CheckedLog
-        The log, of any sampling.
+        The log. Its steps between rows may differ.
     seconds : float
         [s] Length of a block.
 
     Returns
     -------
     CheckedLog
-        Each row has the means over one block of the times, channels, references and
-        optional columns. White noise has a smaller sd in these rows: the mean of n rows
-        divides the sd by sqrt(n).
+        One row per block: the means of its times, channels, reference values and optional
+        columns. If a block has n rows, the sd of white noise is divided by sqrt(n).
 
     Raises
     ------
     UserError
-        `seconds` is out of range, or is shorter than 1.5 steps between rows.
+        `seconds` is out of range, or is shorter than 1.5 times the median step between
+        rows.
     """
     f = library().field(CONFIG, "sample_time")
     if not f.low <= seconds <= f.high:
@@ -764,8 +770,8 @@ def straighten_log_time(
     time : ndarray, (rows,)
         [s] The time column.
     line : ndarray of int, (rows,)
-        Number by which messages name each row (see `place`): that of the line of a text
-        file, or of the row of a data frame or of a resampled log.
+        Number of each row in messages. It counts the lines of a text file, the rows of a
+        data frame or the rows of a resampled log.
     notes : list of str
         Receives notes about the repairs.
     place : str
@@ -774,7 +780,8 @@ def straighten_log_time(
     Raises
     ------
     UserError
-        The column holds no times, or too many of them need a repair.
+        The column holds no times; its rows are not sorted (see MAX_SHUFFLED); more than
+        half of the rows would be dropped; or the median step is above MAX_TIME_GAP.
     """
     if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MAX_BACK:
         check_time(path, time, line, place)
@@ -825,10 +832,11 @@ def _check_channel(
     name: str,
     place: str,
 ) -> None:
-    """Refuse a column with many values outside its range; replace a few by NaN.
+    """Refuse a column that is empty or has too many values outside its range. Otherwise
+    replace the values outside the range by NaN.
 
-    The limit between many and a few is MAX_OUTSIDE. `name` is the column to check: that
-    of the channel `f`, or of one wheel if `f` is the wheel speed of an axle."""
+    Too many is more than the share MAX_OUTSIDE. `name`: column to check. It is f.name or,
+    if `f` is the wheel speed of an axle, the column of one wheel."""
     value = data[name]
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
@@ -852,7 +860,7 @@ def _check_channel(
 
 
 def _hint_at_time_unit(step: float) -> str:
-    """Return a hint if the median step [s] suggests that the time is not in s."""
+    """Return a hint if the median step [s] suggests that times are not in s; else ""."""
     if step < 0.5 * MIN_ROW_STEP:
         return "\n  hint: if the column holds minutes, multiply by 60; days: by 86400"
     if 1.0 <= step <= 200.0:

@@ -1,4 +1,4 @@
-"""Convert the units that logs state, in any spelling, to SI units, by pint."""
+"""Convert units in the spellings of logs to SI units, with the package pint."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     import pint
 
 
-# Key: a unit of pint. Value: spellings of this unit that occur in logs, separated by
-# blanks, and that pint refuses or interprets as a different unit. parse_unit() removes
-# all blanks from the unit in a log, and searches it in this table first as it is written,
-# then in lower case. The spellings are therefore in lower case. The only exception is kN
-# (kilonewton), because kn is knot. Hz as unit of a wheel speed means turns per second,
-# whereas pint takes 1 Hz as 1 rad/s. The unit 1 stands for a quantity without unit.
+# Key: a unit in the spelling of pint. Value: its spellings in logs, separated by blanks.
+# pint alone refuses most of these spellings, or takes them as a different unit.
+# parse_unit() removes the blanks from the unit in a log, and looks for the result in this
+# table, first as written, then in lower case. So all spellings are in lower case, except
+# kN (kilonewton): kn is the knot. Hz is taken as turns per second, which it means for
+# wheel speeds, whereas pint takes 1 Hz as 1 rad/s. 1 stands for a quantity without unit.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -84,7 +84,8 @@ def is_unknown_unit(unit: str) -> bool:
 
 
 def is_known_unit(unit: str) -> bool:
-    """Return whether a unit is known and is not 1, e.g. True for deg, % and m/s."""
+    """Return whether a unit is stated and known: True for deg, %, m/s; False for "",
+    1."""
     found = parse_unit(unit)
     return found is not None and not found.unitless
 

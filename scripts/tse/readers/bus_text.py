@@ -1,7 +1,8 @@
-"""Read frames of a CAN bus from the text files of candump, BUSMASTER and other tools.
+"""Read frames of a CAN bus from text files.
 
-The formats ASC and TRC are parsed by python-can. This module only changes the lines that
-python-can would misread, see AscText and TrcText. All other formats are parsed here."""
+Logs of candump and BUSMASTER and tables (CSV) are parsed here. ASC and TRC are parsed by
+python-can: this module only changes the lines that python-can would misread, see AscText
+and TrcText."""
 
 import base64
 import binascii
@@ -22,8 +23,9 @@ from tse.readers.databases import IDENTIFIER_MASK
 # [bytes] length of the first part of a file that is read to detect its format
 DETECTION_BYTES = 1 << 16
 MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
-# number of frames at the beginning of a file that are read to determine the unit of the
-# times and the base (10 or 16) of the identifiers
+# number of lines with a frame, at the beginning of a file, that are read to determine the
+# unit of the times (for candump: whether they are differences) and the base (10 or 16) of
+# the identifiers
 DETECTION_LINES = 2000
 MAX_LISTED_LINES = 3  # a note names at most this many of the lines that cannot be parsed
 ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame
@@ -91,7 +93,7 @@ CONSOLE_START = re.compile(
 ASC_HEADER = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
 TRC_HEADER = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
 BUSMASTER_HEADER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
-TITLE_PATTERNS = {  # column -> pattern of its title, after simplification by _simplify_title()
+TITLE_PATTERNS = {  # column -> pattern; _simplify_title(title of the column) must match it
     "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts"
     r"|timeabs|timerel",
     "identifier": r"id|arbitrationid|canid|identifier|addr|address|messageid|msgid|frameid|idhex",
@@ -137,14 +139,14 @@ def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool
     Parameters
     ----------
     path : Path
-        The file, for error messages.
+        The file. Only its name is used, in error messages.
     kind : str
         candump, busmaster or table, as detect_bus_text() returns it.
     lines : Lines
         Lines of the file. Receives the numbers of the lines that cannot be parsed.
     knows : callable
-        Returns whether a database contains an identifier. In a table, this decides
-        whether the identifiers are decimal or hexadecimal numbers.
+        Function that returns whether a database contains an identifier. It serves to
+        decide whether the identifiers of a table are decimal or hexadecimal numbers.
 
     Raises
     ------
@@ -434,12 +436,12 @@ TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.A
 
 
 def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
-    """Return a function that converts a time of the table to s.
+    """Return a function that converts the text of a time in a table to s.
 
-    If most of `stamps`, the times of the first rows, contain a colon, the times are times
-    of day or dates. Otherwise the times are numbers, and the title of their column may
-    state their unit. Without a unit in the title, integers are in ms, us or ns, see
-    _guess_tick(), and all other numbers are in s."""
+    `title`: title of the column of times. `stamps`: the times of the first rows. If most
+    of them contain a colon, the times are times of day or dates. Otherwise they are
+    numbers. Their unit is the unit in the title. If the title has no unit, integers are
+    in ms, us or ns, see _guess_tick(), and all other numbers are in s."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
     )
@@ -450,7 +452,11 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Convert a time of day to s; after each midnight, add one more day."""
+            """Convert a time of day to s since the first midnight, a date to s since
+            1970.
+
+            If a time of day is more than half a day below the one before it, a new day
+            has begun."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
@@ -581,8 +587,8 @@ class TrcText(_GeneratedText):
     def _generate(lines: Lines) -> Iterator[str]:
         """Yield the lines of the file, converted from version 1.2 to 1.3 if necessary.
 
-        Version 1.3 has one column more than version 1.2: the reserved sixth column. In
-        files of version 1.2, "-" is inserted for it."""
+        Version 1.3 has one column more than version 1.2: the sixth column, which is
+        reserved. In files of version 1.2, it is inserted with the content "-"."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

@@ -18,8 +18,8 @@ from tse.readers.recording import import_optional
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
-# bits of an extended identifier (29); largest standard identifier (11 bits); bit 31, by
-# which a DBC marks that an identifier is extended
+# mask of the 29 bits of an identifier; largest standard identifier (11 bits), larger ones
+# are extended; bit that a DBC adds to an extended identifier
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 # identifier of the message in which Vector's tools put signals that belong to no message
 ORPHAN_IDENTIFIER = 0xC0000000
@@ -76,8 +76,8 @@ class _OddLines:
         self.said.append((line, what))
 
     def note(self, path: Path) -> str:
-        """Return one note that describes the first MAX_NOTED_LINES faulty lines and gives
-        the number of further ones."""
+        """Return one note: the faults of the first MAX_NOTED_LINES faulty lines, and the
+        number of all other faulty lines."""
         self.said.sort()
         first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MAX_NOTED_LINES])
         more = len(self.said) - MAX_NOTED_LINES
@@ -126,7 +126,7 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:  # a parser may raise any error
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
-        refused = UserError(f"{path}: cannot be read as a database of a bus: {first}")
+        refused = UserError(f"{path}: cannot be read as a database of a bus (DBC, ARXML, KCD, SYM): {first}")
     if path.suffix.lower() != ".dbc":
         text = _convert_by_canmatrix(path)
         notes += [f"{path.name}: read by canmatrix, because cantools fails ({first})"] if text else []
@@ -167,11 +167,14 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    cantools receives less and less of the DBC until it accepts the rest. First it
-    receives all lines, as repaired by _split_parts(). If it refuses them, it receives
-    only the lines that define messages and signals. If it refuses these as well, it
-    receives each message separately. If it refuses a message, it receives each signal of
-    this message separately. The message is kept with those signals that cantools accepts.
+    The following parts of the DBC are loaded, one after the other, until cantools accepts
+    one:
+
+    1. all statements, as repaired by _split_parts();
+    2. only the statements that define messages and signals;
+    3. each message separately. Of a message that cantools refuses, each signal is tried
+       separately, and the message is kept with the accepted signals only.
+
     `odd` receives what is left out."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
@@ -204,11 +207,12 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 
 
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
-    """Split the text of a DBC into its messages and the statements about their signals.
+    """Split the text of a DBC; return its messages with their signals, and its details.
 
-    A statement about a signal defines names of values, the number type, a comment or a
-    long name. Each statement is returned as (number of its first line, text). A statement
-    about a signal that does not exist is left out."""
+    A detail is a statement that gives a signal names of values, a number type,
+    multiplexer values or a comment, or that gives a signal or message a long name. It is
+    returned as (number of its first line, text). A detail is left out if it is faulty or
+    its signal does not exist. `odd` receives the faults."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):
@@ -275,7 +279,9 @@ def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
 
 
 def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) -> None:
-    """Add the signal of a statement SG_ to the last message."""
+    """Add the signal that the statement SG_ in `part` defines to the last message of
+    `messages`. If the statement is faulty, record it in `odd` and add nothing.
+    """
     found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
         return  # the message of this signal is left out, so the signal is left out, too
@@ -308,12 +314,12 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 
 
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
-    """Replace the name of the signal in a statement by the clean name; return the result.
+    """Return a detail (see _split_parts()) in which the name of the signal is valid.
 
-    The clean name consists of letters, digits and _, see _clean_name(). It replaces names
-    in the file that a DBC does not allow. The statement defines names of values, the
-    number type, a comment or a long name of the signal. If the statement cannot be
-    parsed, or its signal does not exist, return ""."""
+    _clean_name() has changed each signal name that a DBC does not allow. The same change
+    is made here, so that the detail refers to the renamed signal. A long name is returned
+    unchanged. Return "" if the detail cannot be parsed or its signal does not exist, or
+    if it is a comment on something else than a signal."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""

@@ -35,8 +35,8 @@ from tse.readers.recording import (
     list_names,
 )
 
-# ---- Decoding: signals are extracted from all frames of a message at once. The database
-# (DBC, ARXML, KCD, SYM) defines where a signal lies in its message.
+# ---- Decoding: a signal is extracted from many frames with one numpy operation. The
+# database (DBC, ARXML, KCD, SYM) defines which bits of its message the signal occupies.
 
 # Key of a message: bits 0 to 28 are the identifier, bit 29 marks an extended identifier,
 # bits from 32 on are the index of the bus
@@ -105,7 +105,9 @@ class Bus:
         self._count = 0
 
     def knows(self, identifier: int) -> bool:
-        """Return whether a database contains the identifier."""
+        """Return whether a database contains a message with this identifier.
+
+        An identifier of at most 11 bits is taken as a standard identifier."""
         return make_key(identifier, False) in self._messages
 
     def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
@@ -166,8 +168,9 @@ class Bus:
         time : ndarray, (kept frames,)
             [s] Times of the kept frames, in the order in which add() received the frames.
         keep : ndarray of bool, (frames,), or None
-            True for the kept frames. None: all frames are kept. Their times need not
-            increase then, because the values of each signal are sorted by time.
+            True for the kept frames. Their times must not fall. None: all frames are
+            kept, and their times may fall: the values of each signal are then sorted by
+            time.
         notes : list of str
             Receives notes about repeated messages, invalid values and unknown
             identifiers.
@@ -292,10 +295,9 @@ def drop_codes(
 
 
 def make_key(identifier: Any, extended: Any) -> Any:
-    """Return the key of a message, without the bits that state the bus.
+    """Return the key of a message, with 0 as index of the bus.
 
-    So it is also the key of the message on the bus of index 0. An identifier of more than
-    11 bits is taken as extended even if `extended` is False."""
+    An identifier of more than 11 bits counts as extended, whatever `extended` is."""
     identifier = identifier & IDENTIFIER_MASK
     return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
@@ -323,9 +325,9 @@ def decode_signals(
     ------
     signal
         One of `signals`. Signals that no frame contains are skipped.
-    ndarray of int, (entries,)
-        Indices in `data` of the frames that contain the signal.
-    ndarray, (entries,)
+    ndarray of int, (n,)
+        Indices in `data` of the n frames that contain the signal.
+    ndarray, (n,)
         Physical values of the signal in these frames.
     """
     width = max(message.length, 1)
@@ -363,8 +365,8 @@ def _find_bits(s: Any) -> np.ndarray:
 def _find_last_byte(s: Any) -> int:
     """Return the number of bits before the last byte that a signal uses.
 
-    Frames consist of whole bytes. So a frame with more bits than this number contains the
-    last byte, and with it the whole signal."""
+    Example: 24 for a signal in bytes 2 and 3, counted from 0. A frame consists of whole
+    bytes. So if it has more than 24 bits, it has at least 32, and contains the signal."""
     return int(_find_bits(s).max() // 8 * 8)
 
 
@@ -443,7 +445,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
-                f"{path}: is damaged, or has a different format than {what}: {str(error)[:120]}"
+                f"{path}: cannot be read as {what}: it is damaged, or its format is a different one "
+                f"({str(error)[:120]}); copy or record it again"
             ) from None
         notes.append(
             f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "
