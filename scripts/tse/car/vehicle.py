@@ -271,7 +271,8 @@ def make_default_vehicle() -> Vehicle:
 def read_vehicle(path: Path) -> Vehicle:
     """Read and check a vehicle file. Fill in missing yaw inertia, stiffnesses and sds.
 
-    An unknown table only causes a note, since it may be meant for a different program.
+    An unknown table only causes a note, since it may be meant for a different program. It
+    is an error if its name resembles a name in VEHICLE_TABLES (MIN_TABLE_LIKENESS).
 
     Raises
     ------
