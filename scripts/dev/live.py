@@ -115,7 +115,7 @@ def describe_priority() -> str:
     """Return "real-time" if this process runs under SCHED_FIFO or SCHED_RR, else "usual".
 
     On a system that does not tell the policy, such as Windows, return "usual"."""
-    return PRIORITY[os.sched_getscheduler(0)] if hasattr(os, "sched_getscheduler") else "usual"
+    return PRIORITY.get(os.sched_getscheduler(0), "usual") if hasattr(os, "sched_getscheduler") else "usual"
 
 
 def main() -> None:

@@ -188,15 +188,12 @@ class DaskCluster(Workers):
     """Run the tasks on the workers of a Dask cluster.
 
     All paths must lead to the same files on the workers as in this process. If a worker
-    dies, the scheduler repeats its task on a different worker. Before the first task,
-    check(client, address of the scheduler) is called. It raises an error if the cluster
-    cannot be used."""
+    dies, the scheduler repeats its task on a different worker. If check_workers() finds
+    that the cluster cannot be used, UserError is raised before the first task."""
 
-    def __init__(
-        self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
-    ):
+    def __init__(self, do: Work, scheduler: str):
         self._do, self._client = do, connect_to_dask(scheduler)
-        check(self._client, scheduler)
+        check_workers(self._client, scheduler)
         import distributed
 
         # do not show Dask's warnings about workers that have died: next() reports them

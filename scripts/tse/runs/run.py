@@ -14,15 +14,7 @@ from tqdm import tqdm
 
 from tse.library.errors import Interrupted
 from tse.library.files import resolve_path
-from tse.library.processes import (
-    DaskCluster,
-    Died,
-    InProcess,
-    LocalPool,
-    Workers,
-    check_workers,
-    treat_kill_as_interrupt,
-)
+from tse.library.processes import DaskCluster, Died, InProcess, LocalPool, Workers, treat_kill_as_interrupt
 from tse.log.rows import Reading
 from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
@@ -99,7 +91,7 @@ def run_drives(
 
 def _open_workers(jobs: int, scheduler: str | None) -> Workers:
     if scheduler is not None:
-        return DaskCluster(run_task, scheduler, check_workers)
+        return DaskCluster(run_task, scheduler)
     return LocalPool(run_task, jobs) if jobs else InProcess(run_task)
 
 

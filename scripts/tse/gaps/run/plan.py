@@ -142,7 +142,7 @@ def make_plan(
         return compute_worth(candidate, config, first, second)
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        options = [o for o in pool.map(judge_candidate, candidates) if o is not None]
+        options = list(pool.map(judge_candidate, candidates))
     return ManeuverPlan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
 
 
