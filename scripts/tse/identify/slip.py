@@ -29,25 +29,26 @@ LONGITUDINAL_KEY = "cx_front"
 RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 
 # Prior sds of the unknowns of the regression.
-# [s] sd of the latency between the wheel speeds of both axles: two messages of a bus with
-# cycle times of 10 .. 20 ms
+# [s] sd of: latency of the front wheel speed - latency of the rear wheel speed. They may
+# come in two CAN messages with a cycle time T of 10 .. 20 ms. A latency that is uniformly
+# distributed over T has an sd of T/sqrt(12) = 3 .. 6 ms, the difference of two such
+# latencies an sd of 4 .. 8 ms
 WHEEL_LATENCY_SD = 0.006
-# sd of the ratio of the wheel radii of both axles, relative to the vehicle file. Wear and
-# tyre pressure change the ratio. In the regression, an error of the ratio is a constant
-# offset of the slip. A bias of accel_x causes such an offset, too, so this sd must cover
-# both
+# sd of the relative error of the ratio of front to rear wheel radius in the vehicle file.
+# In the regression, this error is a constant offset of the slip. A bias of accel_x causes
+# such an offset, too. So the sd covers three causes: tyre wear, tyre pressure, and bias
 RADIUS_RATIO_SD = 0.01
 LAG_SD = 0.1  # [s] sd of: latency of accel_x behind the wheels + relaxation time of the tyres
 DRAG_SD = 0.1  # [kg/m] sd of: true coefficient of the air drag - coefficient found by the search
 INVERSE_STIFFNESS_SD = 1e3  # sd of: stiffness in the vehicle file / true stiffness; practically no prior
-BEND_SD = 0.25  # sd of the relative error of the nonlinear part of slip and of the change of the radii
+BEND_SD = 0.25  # sd of `bend`, the relative error of tyre curve and load transfer (apply_slip_regression())
 # prior sds of the unknowns common to all logs, in the order of the columns of _Samples.x
 PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)
 
 # sd of ln(stiffness) caused by model errors (pitch, rolling radius under load, tyre
-# curve), which longer logs do not reduce. For ten cars of tests/cars, the estimate of
-# ln(stiffness) has an rms error of 0.034 if it uses the logs of all roads together, and
-# of 0.042 if it uses the logs of one road only
+# curve), which longer logs do not reduce. Ten cars of tests/cars had an rms error of
+# ln(stiffness) of 0.034 with the logs of all roads of a car, and of 0.042 with the logs
+# of one road. The constant is above both
 SLIP_MODEL_SD = 0.05
 # The first regressor is the slip that follows from accel_x (see _Samples.x). The other
 # regressors explain a part of its variance. If noise of accel_x causes more than this
@@ -61,8 +62,9 @@ MAX_STRAIGHT_STEER = 0.03  # [rad]
 MAX_STRAIGHT_ACCEL = 1.0  # [m/s2] lateral acceleration
 MAX_GRIP_SHARE = 0.5  # ratio of the force of the driven axle to its grip, the largest possible force
 # [m/s2] If the log has no brake switch, rows with accel_x below this limit are not used,
-# because the brakes may be on. A limit of -0.1 would admit rows with brakes and make the
-# stiffness of a steady drive 14 % too large, a limit of -0.3 would make it 65 % too large
+# because the brakes may be on. A limit below 0 would admit rows with brakes on: in a log
+# of steady driving, the estimated stiffness would be 14 % too large with a limit of -0.1,
+# and 65 % too large with -0.3
 MIN_COAST_ACCEL = 0.0
 BRAKE_THRESHOLD = 0.5  # value of the brake switch from which on the brakes are on
 
@@ -71,17 +73,17 @@ SAMPLE_PERIOD = 0.1  # [s] time between rows that are used
 REGRESSION_BLOCK = 10.0  # [s] residuals of different blocks are taken as independent
 MIN_REGRESSION_BLOCKS = 6
 TYRE_COMPRESSION = 0.005  # share by which the static load reduces the rolling radius (src/model/car.c)
-# Rotational inertia of the two wheels of an axle as a mass (inertia/radius^2), relative
-# to the mass of the car: for 2.4 kg m2, 0.33 m and 1600 kg
+# inertia/radius^2 of the two wheels of an axle, relative to the mass of the car. Example:
+# two wheels of 1.2 kg m2 each, radius 0.33 m, car of 1600 kg
 WHEEL_MASS_SHARE = 0.014
 
 
 def apply_slip_regression(
     problem: CarProblem, fit: CarFit, logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> CarFit:
-    """Return the fit with some of its unknowns replaced by results of the regression.
+    """Return the fit, with results of the regression in place of some unknowns.
 
-    These are the longitudinal stiffness, the wheel latencies and the wheel radii.
+    The replaced unknowns are longitudinal stiffness, wheel latencies and wheel radii.
 
     Parameters
     ----------
@@ -90,8 +92,8 @@ def apply_slip_regression(
     logs : sequence of CheckedLog
         Logs of the calibration.
     vehicle : Vehicle
-        Has the driven axle. If both axles are driven, only logs with wheel torques and a
-        brake switch are used.
+        States which axle is driven. If both are driven, only logs with wheel torques and
+        a brake switch are used.
 
     Returns
     -------
@@ -102,21 +104,29 @@ def apply_slip_regression(
     Notes
     -----
     The regression is
-        v_driven/v_free - 1 = slip(F)/k + radii(a) + bend (slip(F) - F/C + radii(a))
-                              - later a/v + lag d slip(F)/dt + drag v^2/C + radius,
-    with the unknowns k, bend, later, lag, drag and radius.
+        v_driven/v_free - 1 = slip(F)/k + radii(F) + bend (slip(F) - F/C + radii(F))
+                              - later a/v + lag d slip(F)/dt + drag v^2/C + radius.
 
-    C is the stiffness in the vehicle file, and k the ratio of the true stiffness to C.
-    The force F follows from accel_x, drag, rolling resistance and the inertia of the
-    wheels. slip(F) follows from the tyre curve and the longitudinal load transfer of
-    src/model/car.c, and F/C is the slip of a linear tyre at static load. radii(a) is the
-    change of the rolling radii by the load transfer at the acceleration a. bend, with
-    prior sd BEND_SD, is the relative error of both effects. later is the latency of the
-    driven wheels behind the free ones. lag is the latency of accel_x behind the wheels,
-    plus the relaxation time of the tyres. drag is the error of the coefficient of the air
-    drag. radius is the relative error of the ratio of the radii. It includes the effect
-    of the bias of accel_x, which differs from log to log, so each log has a radius of its
-    own.
+    Known quantities:
+        v_driven, v_free  [m/s] wheel speeds times the wheel radii of the vehicle file
+        v, a      speed of the car, and its time derivative
+        F         drive force, from accel_x, drag, rolling resistance and wheel inertia
+        C         longitudinal stiffness in the vehicle file
+        slip(F)   slip of the driven minus that of the free axle, by the tyre curve and
+                  the load transfer of src/model/car.c. F/C: linear tyres at static load
+        radii(F)  relative change of v_driven/v_free by load transfer, which changes the
+                  rolling radii
+    Unknowns:
+        k         true stiffness / C
+        bend      common relative error of slip(F) - F/C and of radii(F): tyre curve and
+                  load transfer may be wrong
+        later     [s] latency of the driven wheel speed - that of the free wheel speed
+        lag       [s] latency of accel_x - that of the wheel speeds + relaxation time of
+                  the tyres
+        drag      [kg/m] true coefficient of the air drag - fitted coefficient
+        radius    relative change of v_driven/v_free by wrong wheel radii in the vehicle
+                  file and by the bias of accel_x. Each log has its own radius, because
+                  the bias differs from log to log
 
     Method: weighted least squares with Huber weights and priors. The first regressor,
     slip(F), contains noise of accel_x, which would make its coefficient 1/k too small. So
@@ -149,7 +159,10 @@ def apply_slip_regression(
 def estimate_longitudinal(
     config: Config, values: Mapping[Any, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> tuple[float, float]:
-    """Return ln(longitudinal stiffness / its value in the vehicle file), and the sd.
+    """Return mean and sd of ln(longitudinal stiffness / its value in the vehicle file).
+
+    The regression updates the prior. If the regression is not possible with these logs,
+    return mean and sd of the prior.
 
     Parameters
     ----------
@@ -224,8 +237,8 @@ def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
 def _apply_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
     """Return both radii [m], changed so that rear / front has the ratio that was found.
 
-    This ratio is 1 + `mismatch` times the ratio in the vehicle file (see _SlipFinding).
-    The product of both radii does not change.
+    That ratio is (1 + `mismatch`) times the ratio in the vehicle file. The product of
+    both radii does not change.
     """
     front, rear = radii / np.array([getattr(config, name) for name in RADIUS_SETTINGS])
     half = 0.5 * (np.log1p(mismatch) - np.log(rear / front))
@@ -281,7 +294,8 @@ def _run_regression(
 def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the unknowns of the regression and their sds.
 
-    First come the five unknowns common to all logs, then the radius of each log.
+    Order: the coefficients of the five columns of _Samples.x, which all logs have in
+    common, then the offset of the slip of each log (`radius` in apply_slip_regression()).
     """
     count, prior = len(parts), np.diag(prior_sd**-2.0)
     x = np.vstack([np.column_stack([p.x, np.eye(count)[[n] * len(p.slip)]]) for n, p in enumerate(parts)])
@@ -329,7 +343,8 @@ class _Car:
         self.base, self.mass = c.lf + c.lr, c.mass
         self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # [m/s2] front, rear
         self.height = float(vehicle.facts.get("cg_height", ordinary["cg_height"])) / self.base
-        # relative change of the ratio of the rolling radii per m/s2 of acceleration
+        # [s2/m] relative increase of the ratio of front to rear rolling radius by load
+        # transfer, per m/s2 of (drive force / mass)
         self.give = TYRE_COMPRESSION * self.height * self.base**2 / (GRAVITY * c.lf * c.lr)
         self.stiffness = (
             c.longitudinal_stiffness_front,
@@ -379,12 +394,14 @@ class _Samples:
 
     # (samples, 5) regressors: slip(F) with the stiffness of the vehicle file, a/v,
     # d slip(F)/dt, slip caused by 1 kg/m of drag, nonlinear part of slip(F) plus
-    # radii(a). F: force, a: acceleration, v: speed, radii(a): change of the rolling radii
-    # by load transfer, see apply_slip_regression()
+    # radii(F). F: force, a: acceleration, v: speed, radii(F): relative change of
+    # v_driven/v_free by load transfer, see apply_slip_regression()
     x: np.ndarray
     noise: np.ndarray  # variance of the first regressor caused by noise of accel_x
-    slip: np.ndarray  # measured slip of the driven axle relative to the free one, minus radii(a)
-    weight: np.ndarray  # speed, at most 15 m/s: the noise of the slip is inversely proportional to it
+    slip: np.ndarray  # measured v_driven/v_free - 1 - radii(F)
+    # factor of the residual in the least squares: the speed [m/s], because the sd of the
+    # slip noise is proportional to 1/speed. A limit of 15 bounds the weight of fast rows
+    weight: np.ndarray
     block: np.ndarray  # number of the block of REGRESSION_BLOCK seconds
 
 

@@ -24,14 +24,13 @@ LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_
 LATENCY_SUFFIX = "_latency"
 LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # name of the unknown -> channel
 MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
-# Key: Unknown.message, the name of a group of unknowns. Value: sd of the error that all
-# unknowns of the group have in common. For "wheels" and "accelerometers" it is a latency
-# [s], for "radii" a relative error of the wheel radii. In addition, each unknown has an
-# individual error. Its sd (Unknown.sd) is smaller than the common sd, because wheel
-# speeds come from one control unit, accelerations from one chip, and tyres are of one
-# kind. For the wheel speeds, a larger individual sd would do harm: a difference in
-# latency between the axles has hardly any influence on a log, so the fit would use it to
-# explain errors of the model
+# Key: Unknown.message. Value: prior sd of the error that all unknowns with this message
+# have in common: a latency [s] for "wheels" and "accelerometers", a relative error of the
+# radius for "radii". Each unknown also has an individual error, with the prior sd
+# Unknown.sd. The common error is larger, because wheel speeds come from one control unit,
+# accelerations from one chip, and tyres are of one kind. The individual latencies of the
+# wheel speeds have a small sd of 0.5 ms: logs hardly show how much the latencies of the
+# axles differ, so with a larger sd the fit would explain model errors by a difference
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness / its value in the vehicle file)
 MAX_LN_STIFFNESS = 1.8  # bound of |ln(stiffness / its value in the vehicle file)|
@@ -46,10 +45,10 @@ COMPLIANCE = ("cy_front", "cy_rear")
 # accel_y or by different tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # [m/s2, rad/s] prior sd in each log
-# Key: setting of table [uncertainty]. Value: lower limit of the posterior sd that a
-# calibration writes there. The posterior covariance does not account for these causes of
-# error: roads differ in lean, axles differ in relaxation, the steering is elastic, and
-# its zero changes every day
+# Key: setting of table [uncertainty]. Value: smallest sd that a calibration writes there,
+# in the unit of the setting. The posterior sd alone can be too small: it ignores that
+# roads differ in lean, axles differ in relaxation, the steering is elastic, and the zero
+# of the steering angle changes every day
 MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
@@ -110,12 +109,12 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
-    # The sd applies if the axle loads were weighed. If they were not, the setting cg_sd
-    # of the vehicle file is larger and replaces it
+    # The sd of 0.01 m is that of weighed axle loads. If the vehicle file states cg_sd,
+    # e.g. 0.03 m for loads from a data sheet, cg_sd replaces the sd given here
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
     # Logs can hardly distinguish an error in the ratio of the radii from an error of the
-    # longitudinal stiffness. With a large prior sd, the fit would explain the one by the
-    # other. So the prior sd only covers the changes of a radius by wear and tyre pressure
+    # longitudinal stiffness. With a large prior sd, the fit would explain an error of the
+    # stiffness by wrong radii. So the prior sd only covers wear and tyre pressure
     Unknown(
         "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
@@ -154,11 +153,12 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
     Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
     # The axle with the larger share of the roll stiffness has more load transfer and
-    # loses more grip. The prior sd follows from the share of the front axle, 0.4 .. 0.63
+    # loses more cornering stiffness. Front axles have a share s of 0.4 .. 0.63. If the
+    # loss is proportional to the share, the balance is 2 s - 1 = -0.2 .. 0.26
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
-    # Not 0 if the static axle loads differ: the stiffness of the axle with the larger
-    # load increases less with additional load
+    # If the static axle loads differ, the balance of a car is not 0: the stiffness of the
+    # axle with the larger load changes less (relative to this stiffness)
     Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),

@@ -28,10 +28,10 @@ from tse.library.core import Config, library
 # against its estimate from residuals, in intervals of LASTING_PIECE_TIME (10 s): the
 # prior value counts as much as an estimate from 20 s of curves
 PRIOR_PIECES = 2.0
-# [m/s2] The yaw rate at which the car has this lateral acceleration is the `floor` of
-# measure_share(): a weaker signal counts little. The value is that of MIN_ACTIVITY,
-# because the filter multiplies model_sd by an excitation level that is at least
-# MIN_ACTIVITY
+# [m/s2] A 10 s interval with this rms lateral acceleration counts as half an interval in
+# measure_unexplained(), and an interval with much less as nearly 0. The value is that of
+# MIN_ACTIVITY (src/tables/constants.toml), the smallest rms acceleration by which the
+# filter multiplies model_sd
 MIN_LATERAL_ACTIVITY = 0.5
 
 
@@ -61,11 +61,11 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 
 
 def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return model error / signal of yaw_rate, and the effective number of intervals.
+    """Return the relative model error of yaw_rate, and the effective number of intervals.
 
-    These are the two results of measure_share(). yaw_rate is chosen because bank and
-    grade do not act on a gyro, so its residuals contain no errors of the road. Without a
-    gyro, both results are 0.
+    The relative model error is model error / rms of yaw_rate, as defined in
+    measure_share(). yaw_rate is chosen because bank and grade do not act on a gyro: its
+    residuals contain no error of the road. Without a gyro, both results are 0.
     """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
@@ -92,8 +92,8 @@ def format_vehicle(
     title
         First lines of the file.
     vehicle
-        The user's vehicle, with its formula, and with those keys of the user's file that
-        are not settings (Vehicle.facts).
+        The user's vehicle. Two parts of it are written: the keys that are not settings
+        (Vehicle.facts), and the user's formula for an effect that the model lacks.
     values
         All settings, by name.
     uncertainty
@@ -106,7 +106,7 @@ def format_vehicle(
         Key: id of an effect. Value: comments below the heading of this effect. They are
         written even if the effect is off.
     formula
-        Path of the file with the formula; None: without formula.
+        Path of the file with the formula; None: the file gets no table [formula].
     """
     config, fields, late = Config.exact(values), Config().fields, list_latency_settings()
 

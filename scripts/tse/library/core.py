@@ -116,16 +116,16 @@ class EffectRow:
     look_alikes: tuple[str, ...]  # causes with a similar influence on the channels: ids or descriptions
     estimator: str  # description of how the filters use the effect
     bit: int  # number of its bit in tse_effects.mask
-    # filters whose estimate depends on the settings of the effect. both: the default
-    # filter and the paper's filter with particles, default: the default filter only,
-    # none: no filter
+    # filters whose estimate depends on the settings of the effect: "default" (only the
+    # default filter), "both" (also the particle filter), "none"
     filter: str
-    # how often cars have the effect: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or
-    # IN_MODEL, defined at the top of src/tables/effects.toml
+    # class of the effect, from which its prior probability follows: SENSOR, EVERY_CAR,
+    # SOME_CARS, ROAD, ABSORBED or IN_MODEL, defined at the top of src/tables/effects.toml
     occurrence: str
-    # title that replaces `title` if a fitted strength of the effect is below
-    # `early_below`. The cause of so small a strength is a latency of messages or a
-    # low-pass filter of the IMU, not the car. "": `title` is never replaced
+    # title that replaces `title` if a fitted strength is less than `early_below`: such a
+    # value comes from the logger or a low pass of the IMU, not from the car. Example: a
+    # negative delay of the IMU means that the other channels are logged later than the
+    # IMU. "": `title` is never replaced
     early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
@@ -146,8 +146,8 @@ class SettingUse:
     """How the filters use one setting of Config."""
 
     table: str  # table of src/tables that defines it: vehicle, uncertainty, sensors, ...
-    # filters whose estimate depends on the setting. default: the default filter, paper:
-    # the paper's filter with particles, both: these two, none: no filter
+    # filters whose estimate depends on the setting: "default" (only the default filter),
+    # "paper" (only the particle filter), "both", "none"
     filter: str
     # name of a second setting. If the second setting is not 0, the filters use the second
     # setting instead of this one. "": there is no second setting
@@ -628,8 +628,8 @@ class Config(Settings):
         return config
 
     def complete(self) -> Config:
-        """Return a copy in which an unset mass, inertia or stiffness has the value that
-        the filter would use."""
+        """Return a copy in which a mass, yaw inertia or stiffness of 0 (not set) has the
+        value that the filter uses instead. Example: 1500 kg for a mass of 0."""
         config = type(self)(self.as_dict(), lib=self._lib)
         config.fill("tse_config_complete")
         return config
@@ -737,7 +737,8 @@ class NativeFilter:
     def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
         """Step the filter with rows[0], write outputs[0], and return the status.
 
-        A negative status means that the row is refused; the output is then unchanged."""
+        If the filter refuses the row, the returned status is negative and outputs[0] is
+        unchanged, its field `status` included."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
@@ -839,7 +840,10 @@ class Simulator:
     def __init__(self, config: Config, sim_config: SimConfig):
         self.lib = lib = library()
         if not lib.sim_bytes:
-            raise UserError(f"{lib.path}: this build of the library has no simulator")
+            raise UserError(
+                f"{lib.path}: this build of the library has no simulator; build it with the CMake option "
+                "TSE_EFFECTS=ON"
+            )
         self._sim = _allocate(lib.sim_bytes)
         wrong = ctypes.c_char_p()
         status = lib.function("tse_sim_reset")(
@@ -884,7 +888,10 @@ class Replay:
     def __init__(self, outputs: Sequence[str] = ("accel_x", "accel_y", "yaw_rate"), **log: Any):
         self.lib = lib = library()
         if not lib.fields(REPLAY_LOG):
-            raise UserError(f"{lib.path}: this build of the library has no replay")
+            raise UserError(
+                f"{lib.path}: this build of the library has no replay; build it with the CMake option "
+                "TSE_EFFECTS=ON"
+            )
         self.rows = len(log["dt"])
         self._arrays: dict[str, np.ndarray] = {}
         self._log = np.zeros(1, lib.dtype(REPLAY_LOG))

@@ -370,7 +370,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except ValueError as error:  # TOMLDecodeError, or a number or date that Python cannot hold
         raise UserError(f"{path}: is not valid TOML: {error}{_hint_at_table(Path(path))}") from None
     except RecursionError:
-        raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
+        raise UserError(f"{path}: is not valid TOML: tables or arrays are nested too deeply") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     _check_values(path, data, "", 0)
@@ -378,7 +378,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _hint_at_table(path: Path) -> str:
-    """Return a hint if the first line of a file looks like a table's header, else ""."""
+    """Return a hint if the first line of a file looks like a header of CSV, else ""."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
     cells = max(line.count(c) for c in ",;\t") + 1
