@@ -1,6 +1,7 @@
 """Functions of the binding, of files and of processes, each alone."""
 
 import copy
+import ctypes
 import errno
 import os
 import signal
@@ -169,6 +170,32 @@ def test_records_of_a_fixed_point_library_keep_integers_and_round_settings():
     lib.from_native(lib.native(output, OUTPUT), again, OUTPUT)
     np.testing.assert_array_equal(again["vel_x"], [1.25, np.nan, -3])
     assert again["status"].tolist() == [0, -3, 4]
+
+
+def test_a_single_row_of_a_fixed_point_library_is_converted():
+    """A fixed-point filter must not read the bits of doubles."""
+    lib = copy.copy(library())
+    if lib.real != np.float64:
+        pytest.skip("the library of this run has no doubles")
+    lib.fraction_bits = 20
+    filter_ = core.NativeFilter(Config.exact({"particles": 50}))
+    filter_.lib = lib
+    rows, outputs = filter_.inputs(1), filter_.outputs(1)
+    rows["steer_angle"] = 1.5
+    status = 0
+
+    def step(params, state, row, output):
+        def read(address, dtype, field):
+            return ctypes.c_int64.from_address(address + dtype.fields[field][1])
+
+        assert read(row, rows.dtype, "steer_angle").value == 3 << 19
+        read(output, outputs.dtype, "vel_x").value = 5 << 18
+        return status
+
+    filter_._step = step
+    assert filter_.step_one(rows, outputs) == 0 and outputs["vel_x"] == 1.25
+    status, outputs["vel_x"] = -3, 7
+    assert filter_.step_one(rows, outputs) == -3 and outputs["vel_x"] == 7
 
 
 # ---- settings

@@ -739,7 +739,11 @@ class NativeFilter:
 
         If the filter refuses the row, the returned status is negative and outputs[0] is
         unchanged, its field `status` included."""
-        return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
+        given, made = self.lib.native(rows[:1], INPUT), self.lib.native(outputs[:1], OUTPUT)
+        status = int(self._step(*self._pointers, given.ctypes.data, made.ctypes.data))
+        if status >= 0:
+            self.lib.from_native(made, outputs[:1], OUTPUT)
+        return status
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
         """Step the filter with rows of any numeric types; return one output per row."""
