@@ -377,7 +377,7 @@ def test_the_time_column_is_the_one_that_is_named_or_most_likely(columns, option
 
 def test_a_table_without_a_time_is_refused_with_its_columns():
     same = np.repeat(RISE[:10], 2)
-    with pytest.raises(UserError, match="no column is a time; its columns: a, b"):
+    with pytest.raises(UserError, match="no column is a time; columns of this file: a, b"):
         table.make_recording(LOG, "CSV", [Column("a", same), Column("b", RISE)], ReadOptions())
     with pytest.raises(UserError, match=r"there is no column 'tme' \(did you mean time\?\)"):
         table.make_recording(LOG, "CSV", [Column("time", RISE)], ReadOptions(time="tme"))
@@ -917,7 +917,7 @@ def test_vectors_of_structs_have_their_units_and_the_times_of_their_struct(tmp_p
     named = read_mat.read(path, ReadOptions(time="imu.t", wanted=lambda n: n == "car.v")).channels
     assert list(named) == ["car.v"]
     np.testing.assert_allclose(named["car.v"].time, 0.1 * t)
-    with pytest.raises(UserError, match=r"there is no 'imu\.x'; vectors: "):
+    with pytest.raises(UserError, match=r"there is no vector 'imu\.x': correct "):
         read_mat.read(path, ReadOptions(time="imu.x"))
 
 

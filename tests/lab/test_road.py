@@ -147,8 +147,8 @@ def test_what_is_written_is_read_again(tmp_path):
         (
             "10,0.04",
             "10,two",
-            "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad; bank, grade and their "
-            "sd may be empty",
+            "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad; only bank, grade, "
+            "bank_sd and grade_sd may be empty",
         ),
         ("20,-0.03", "10,-0.03", "line 4, column distance: 10 m is not greater than 10 m in the row before"),
         ("10,0.04", ",0.04", "line 3, column distance: is empty"),

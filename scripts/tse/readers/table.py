@@ -22,7 +22,8 @@ from tse.readers.recording import (
     suggest_channels,
 )
 
-# words in the name of a time column, the most likely word first
+# Words that mark a time column if its name contains one of them. If several columns are
+# marked, the column with the word that stands first in this list is tried first
 TIME_WORDS = (
     "time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime",
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
@@ -30,26 +31,25 @@ TIME_WORDS = (
 # Max share of the filled cells of a column that are neither a number nor one of
 # MISSING_WORDS. A column with a larger share is not used
 MAX_WRONG = 0.05
-# If the unit of a time column is unknown, it is guessed from the median step between
-# rows, a number without unit. Each entry is: limit, unit, length of the unit [s]. The
-# first entry whose limit is at least the median step gives the unit. The usual step of a
-# log is 1 ms to 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The
-# limit of ms is 2000 instead of 1000 and that of us 2e6 instead of 1e6, so that logs with
-# a step up to 2 s are recognised as well. The limit of s stays 1, because a step of 1 to
-# 2 may be 1 to 2 ms.
+# Guess of the unit of a time column whose unit is unknown, from the median step between
+# rows in this unit. Each entry is: max median step, unit, length of the unit [s]. The
+# first entry whose max is not exceeded gives the unit. The usual step of a log is 1 ms to
+# 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The max of ms and the
+# max of us are twice as large, so that steps up to 2 s are recognised as well. The max of
+# s is not: a step of 2 is taken as 2 ms (500 rows per s).
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
 @dataclass
 class Column:
-    """A column of a table, in memory or read from the file by each call of read()."""
+    """A column of a table. The values are in memory, or read() gets them from a file."""
 
     name: str
     values: pd.Series | np.ndarray | Callable[[], pd.Series | np.ndarray]
     unit: str = ""  # as in the file; "": the file states none
     text: str = ""  # description in the file
     rows: int | None = None  # number of rows; None: the length of `values`
-    dates: bool = False  # True: `values` is a function that returns dates or durations
+    dates: bool = False  # True: the function `values` returns dates or durations; unused for arrays
 
     def read(self) -> pd.Series | np.ndarray:
         """Return all values."""
@@ -129,10 +129,11 @@ def make_recording(
 
 
 def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
-    """Return a column as floats, and a note about cells that are no numbers.
+    """Return a column as floats, and a note about cells that are no numbers ("": none).
 
-    Missing cells and cells that are no numbers become NaN. If the column has dates or too
-    many cells that are no numbers, return None instead of floats. The note may be ""."""
+    Missing cells and cells that are no numbers become NaN. If the column has dates,
+    return None instead of floats. For a column of strings, also return None if no cell is
+    a number, or if too many cells are neither numbers nor MISSING_WORDS (MAX_WRONG)."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values, ""
     x = values if isinstance(values, pd.Series) else pd.Series(values)
@@ -185,7 +186,8 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
     if how.time is not None:
         if how.time not in names:
             raise UserError(
-                f"{path}: [log] time: there is no column {how.time!r}{suggest_channels(how.time, names)}"
+                f"{path}: there is no column {how.time!r}{suggest_channels(how.time, names)}: "
+                "correct [log] time in signals.toml"
             )
         return names.index(how.time)
     ranked = []
@@ -209,7 +211,7 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
     if columns and _is_increasing(columns[0], strictly=True):
         return 0
     raise UserError(
-        f"{path}: no column is a time; its columns: {list_names(names)}. Name the time column in "
+        f"{path}: no column is a time; columns of this file: {list_names(names)}. Name the time column in "
         'signals.toml: [log] time = "NAME", or, for rows at a constant step, [log] step = 0.01 (seconds)'
     )
 
@@ -281,7 +283,9 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     if unit:
         per = unit_factor(unit, "s")
         if per is None:
-            raise UserError(f"{path}: [log] time_unit: {unit!r} is no unit of time; allowed: s, ms, us, ns")
+            raise UserError(
+                f"{path}: signals.toml, [log] time_unit: {unit!r} is no unit of time; allowed: s, ms, us, ns"
+            )
         return time * per
     step = np.diff(time)
     step = step[np.isfinite(step) & (step > 0)]
@@ -301,10 +305,10 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
 # that are in s. If the median step is larger, the times are probably in ms, us or ns
 MAX_GROUP_STEP = 2.0
 MIN_GROUP_ENTRIES = 100  # a group with fewer times is ignored when the unit is guessed
-# Max relative difference between two durations (last time - first time): that of a group
-# (channels that share one array of times) after a conversion from ms, us or ns to s, and
-# the median duration of the groups that are in s. All groups of a log last about equally
-# long, so a larger difference shows that the times of the group are not in this unit
+# All groups of a log have about the same duration (last time - first time). So the unit
+# of a group is found by trial: its duration is converted to s from ms, from us and from
+# ns. A unit is accepted if the converted duration differs from the median duration of the
+# groups in s by less than this share of the median duration
 DURATION_TOLERANCE = 0.03
 
 
@@ -313,13 +317,17 @@ def correct_time_units(
 ) -> dict[str, Channel]:
     """Return channels with their times in s, for a format that prescribes s.
 
-    Some recorders write other units nevertheless. A group is the channels that share one
-    array of times. If the median step of a group is above 2 (MAX_GROUP_STEP), its times
-    are probably not in s, because logs have a row at least every 2 s. If all groups have
-    such a step, all times are taken as ms, us or ns: the shortest of the median steps
-    decides which (TICK_UNITS). If only some groups have such a step, a group of these is
-    converted if it lasts 1000 times (or 1e6 or 1e9 times) as long as the groups in s.
-    Otherwise its times stay as they are.
+    Some recorders write ms, us or ns although the format prescribes s. A group is the
+    channels that share one array of times. If the median step of a group is above 2
+    (MAX_GROUP_STEP), its times are probably not in s, because logs have a row at least
+    every 2 s.
+
+    If all groups have such a large step, all times get the same unit: the unit that
+    TICK_UNITS gives for the shortest of the median steps. If only some groups have a
+    large step, their durations (last time - first time) are compared with the median
+    duration of the groups with small steps, which are in s. A group is in ms if its
+    duration is 1000 times as large, in us if 1e6 times, and in ns if 1e9 times, each
+    within DURATION_TOLERANCE. For other ratios, the times of the group stay as they are.
 
     Parameters
     ----------
@@ -350,11 +358,11 @@ def correct_time_units(
 def _guess_units(
     times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
 ) -> dict[int, float]:
-    """Guess which arrays of times are not in s, and return the lengths [s] of their
-    units.
+    """Guess which arrays of times are not in s. Return the length [s] of the unit of each
+    of these arrays, e.g. 0.001 for an array in ms.
 
-    The keys of `times` and of the result are id() of an array of times. The value for an
-    array in ms is 0.001. An array without a value in the result is in s."""
+    `times` has the arrays by their id(). The keys of the result are such ids as well.
+    Arrays in s are not in the result."""
     steps = {
         i: float(np.median(d[d > 0]))
         for i, t in times.items()
@@ -401,7 +409,8 @@ def unpack_times(time: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, (rows,)
-        [s] Time since the midnight before the first row. It does not restart at midnight.
+        [s] Time since the midnight before the first row. After the next midnight, it goes
+        on above 86400 s.
     """
     with np.errstate(invalid="ignore"):
         whole = np.floor(time)
@@ -452,12 +461,11 @@ _TIME_SUFFIXES = {  # last word of a name -> unit
 
 
 def _find_time_unit(name: str) -> str:
-    """Return the unit of time in the last word of a name: time_ms gives ms. Return "" if
-    the last word is no unit of time.
+    """Return the unit of time in the name of a column, or "" if there is none.
 
-    logMonoTime, the name of the time in logs of openpilot, ends in the word time, which
-    is no unit. So if the last word is no unit, the function looks up the whole name
-    (without the path before it)."""
+    The last word of the name may be a unit: time_ms gives ms. Otherwise, the whole name,
+    without the path before it, is looked up in _TIME_SUFFIXES: logMonoTime, the time in
+    logs of openpilot, gives ns."""
     return _TIME_SUFFIXES.get(
         (split_words(name) or [""])[-1], _TIME_SUFFIXES.get(last_part(name).lower(), "")
     )
@@ -520,7 +528,8 @@ _AT_END = {  # last word of a name -> unit
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split "Speed [km/h]" into name and unit. Without brackets the unit is ""."""
+    """Split "Speed [km/h]" into name and unit. If there are no brackets at the end, or no
+    unit in the brackets, return the whole name and the unit ""."""
     found = _BRACKETS.match(name.strip())
     if found and found[1]:
         unit = found[2].strip()

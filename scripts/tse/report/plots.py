@@ -22,14 +22,14 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-# number of rows of a column of the log that are passed to thin_rows() in one call; a
-# multiple of every stride of find_block_stride()
+# Number of rows of a column of the log that are thinned in one call of thin_rows(). It is
+# a multiple of the stride, because both are powers of two
 THIN_ROWS = 1 << 18
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# Limit of the ratio: estimated noise sd of a channel / noise sd in the settings. The
-# ratios are drawn only if that of at least one channel exceeds this limit. The limit is
-# above 1, because steps of steering and torque raise the estimate even if the setting is
-# correct.
+# The noise ratio of a channel is its estimated noise sd / its noise sd in the settings.
+# The noise ratios are drawn only if at least one of them exceeds this limit. The limit is
+# above 1, because quick steering and quick changes of torque raise the estimated noise sd
+# even if the setting is correct.
 MAX_NOISE_RATIO = 1.4
 NOISE_SETTLING_TIME = 2.0  # [s] the estimate of the noise is not usable before this time
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
@@ -41,13 +41,13 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-# Max number of labels in a plot. Labels mark the detected changes of the stiffness (new
-# road surface or tyres) and the intervals in which a sensor was at fault or the wheels
-# slid. If there are more changes than labels, the least probable changes are marked by a
-# line without a label
+# Max number of labels in a plot. Labels first name the detected changes of the stiffness
+# (new road surface or tyres), the most probable ones first. The remaining labels name the
+# longest intervals in which a sensor was at fault or the wheels slid. A change without a
+# label is still marked by a line
 MAX_LABELS = 16
-# Max number of shaded intervals in a plot. If there are more, those with the shortest
-# gaps between them are joined.
+# Max number of shaded intervals in a plot. If there are more, the shortest gaps between
+# neighbouring intervals are shaded as well, until this number of intervals is left.
 MAX_SHADES = 150
 
 
@@ -69,7 +69,8 @@ AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
 def set_layout(figure: Any, height: int, **more: object) -> Any:
-    """Apply the common layout of all pages to a plotly figure, and return the figure."""
+    """Apply the layout that all figures have in common (LOOKS, AXIS) to a plotly figure,
+    and return the figure. `height`: [px]. `more`: further entries of plotly's layout."""
     figure.update_layout(height=height, margin={"l": 66, "r": 18, "t": 64, "b": 48}, **LOOKS)
     figure.update_layout(**more)
     axis = {**AXIS, "showgrid": True, "title_font_size": 13}
@@ -124,10 +125,11 @@ def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Names of reference columns in common loggers -> quantity. A reference column is a column
-# of the log that no filter uses: it has the values of a more accurate sensor or of the
-# simulator, and is drawn beside the estimate of its quantity. All other reference columns
-# are named ref_<quantity> or ref_<quantity>_<any suffix>.
+# A reference column is a column of the log whose name begins with ref_. No filter uses
+# it: it has the values of a more accurate sensor or of the simulator, and is drawn beside
+# the estimate of its quantity. Its name is ref_<quantity>, or a name in this table (name
+# in common loggers -> quantity), or ref_wheel_ with f or r for front or rear. A suffix
+# may follow: ref_speed_2 has the quantity vel_x.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
@@ -164,11 +166,12 @@ def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return the rows at whose times the values of thin_rows() are drawn.
+    """Return the indices of the rows whose times belong to the values of thin_rows().
 
-    For each block of `stride` rows, thin_rows() returns two values. The first is drawn at
-    the time of the first row of the block, the second at the time of its middle row. So
-    the times are evenly spaced, and a peak is displaced by at most one block."""
+    thin_rows() returns two values for each block of `stride` rows. The first value is
+    drawn at the time of the first row of the block, the second at the time of the middle
+    row. So the drawn points are evenly spaced. A value is displaced by less than the
+    length of a block."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
@@ -199,13 +202,14 @@ def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tupl
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return for each block of `stride` rows the index of the row with the min of `y`.
+    """Return for each block of `stride` rows the index of the row with the min of `y`,
+    twice.
 
-    thin_rows() may take the min and the max of each line from different rows. This is
-    wrong for the probabilities of the regimes, whose sum must be 1 at each drawn point.
-    They are all drawn from the row of the block in which the probability of the regime
-    "steady" (`y`) is lowest, so that short events are kept. Each index is returned twice,
-    because thin_rows() returns two values for each block.
+    At these rows, the probabilities of the regimes are drawn. `y` is the probability of
+    the regime "steady". It is low during an event, so the row with its min shows even a
+    short event. The probabilities of all regimes are taken from the same row, so that
+    their sum is 1. Each index is returned twice, because the other lines have two values
+    for each block (thin_rows()).
     """
     if stride == 1:
         return np.arange(len(y))
@@ -216,8 +220,8 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 def find_block_stride(rows: int) -> int:
     """Return the stride of thin_rows() for a log with this number of rows. The stride is
-    a power of two, so that the number of rows of a block of estimates (BLOCK) is a
-    multiple of the stride."""
+    a power of two up to BLOCK. BLOCK, the number of rows of a block of estimates, is a
+    power of two as well, and thus a multiple of the stride."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
@@ -235,8 +239,8 @@ class Data:
         self._hover: dict[str, list[str]] = {key: [] for key in STIFFNESS}
 
     def add(self, block: Block | pd.DataFrame) -> None:
-        """Thin a block of estimates, i.e. of rows with the columns of EST.csv, and append
-        it to the lines."""
+        """Thin a block of estimates, and append it to the lines. A block has the columns
+        of EST.csv, the table of the estimates of a run."""
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = pick_rows(count, self.stride)
@@ -261,13 +265,14 @@ class Data:
 
     @property
     def logged_time(self) -> np.ndarray:
-        """[s] Times at which the columns of the log are drawn: times of the rows."""
+        """[s] Times at which the thinned columns of the log are drawn: the times of the
+        rows that pick_rows() returns."""
         return self._log.time[pick_rows(self.rows, self.stride)]
 
     @property
     def time(self) -> np.ndarray:
-        """[s] Times to which the estimates refer. If channels are logged with a delay,
-        the estimates refer to times earlier than those of the rows."""
+        """[s] Times to which the estimates refer. If the filter waits for channels with a
+        latency, the estimate in a row refers to a time before the time of the row."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time
@@ -286,7 +291,8 @@ class Data:
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
-        """Return the thinned values of a column of the log or of a reference column."""
+        """Return the thinned values of a column of the log: a channel that the filter
+        uses, or a reference column (name ref_...)."""
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
         y = column.to_numpy()[: self.rows]
         return np.concatenate(
@@ -294,8 +300,8 @@ class Data:
         )
 
     def references(self, quantity: str | None) -> list[str]:
-        """Return the names of the reference columns of a quantity. If `quantity` is None,
-        return the names of the columns that match no quantity."""
+        """Return the names of the reference columns (ref_...) of a quantity. If
+        `quantity` is None, return the reference columns that match no quantity."""
         return [c for c in self._log.ref if match_reference(c) == quantity]
 
 
@@ -497,9 +503,9 @@ def draw_stiffness(
 ) -> Figure:
     """Return the figure of the stiffnesses: means and their 95 % intervals.
 
-    The paper's filter (a particle filter) estimates how much the stiffness of single
-    samples scatters about the mean. For this filter, the interval with 95 % of the
-    samples is drawn as well.
+    The paper's filter (a particle filter) also estimates the spread of a stiffness: the
+    sd with which the stiffness scatters about its mean from row to row of the log. For
+    this filter, the interval mean +- 1.96 spread is drawn as well.
 
     Means that are not valid are grey. When the mouse is over a point, its value and the
     reason why it is not valid are shown.
@@ -677,8 +683,8 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
 
 
 def draw_inputs(d: Data) -> Figure:
-    """Return the figure of the channels of the log: steering angle, wheel speeds,
-    accelerations."""
+    """Return the figure of the logged steering angle, wheel speeds and accelerations.
+    draw_states() draws the logged yaw rate."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
         ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),

@@ -24,9 +24,10 @@ from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import list_run_facts
 
-# Max number of stretches of road whose verdicts are shown as cards. A stretch of road is
-# the part of the drive from one detected change of the stiffness to the next. The table
-# below the cards lists all stretches.
+# Max number of stretches of road with cards. A stretch of road is the part of the drive
+# from one detected change of the stiffness to the next. For each stiffness on a stretch,
+# a card shows value and verdict (usable, usable in part, not valid). The table below the
+# cards lists all stretches.
 MAX_CARDS = 6
 MAX_TABLE_EVENTS = 200  # max number of events in the table
 GZIP_LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
@@ -105,8 +106,8 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
 
     `sections` has title, text and figure of each section. The figure is a plots.Figure or
     a plotly figure. A section whose figure is None is left out. `words` are further
-    variables of the template. Its entry `filters` is no such variable: it has functions
-    that the template uses as jinja2 filters, by their names."""
+    variables of the template, except for the keyword `filters`: a dict of the functions
+    that the template uses as jinja2 filters, name -> function."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
@@ -136,10 +137,11 @@ def list_events(
     time. An event is a change of the stiffness, or an interval in which a sensor was at
     fault or the wheels slid.
 
-    The probability of a change is an empty string, because the filter does not estimate
-    the probability that a change is real. If there are more than MAX_TABLE_EVENTS events,
-    return those with the largest member `probability`. For a change, this is the
-    probability that nothing further has happened since (regimes.Change)."""
+    For a change, the string of the probability is empty, because the filter does not
+    estimate the probability that a change is real. If there are more than
+    MAX_TABLE_EVENTS events, return those with the largest Spell.probability (of a fault
+    or of sliding) or Change.probability. Change.probability is the probability that
+    neither a further change nor a sensor fault has begun since this change."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, "", c.effect) for c in changes]
     for s in spells:
         when, shown = f"{s.start:.2f} .. {s.end:.2f} s", regimes.format_percent(s.probability)

@@ -22,7 +22,7 @@ Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; code 2 is used for bad input
 CODES: dict[int, Usable] = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # level of a verdict -> column "usable"
-KILO = 1000.0  # factor from kN and kN/rad, the units of verdicts, to N and N/rad
+KILO = 1000.0  # factor from the units of class Verdict (kN, kN/rad) to N, N/rad
 # Column of the table of results -> pandas type. The table has a row for each stiffness on
 # each stretch of road. A stretch of road is the part of a drive from one detected change
 # of the stiffness to the next.
@@ -177,7 +177,7 @@ def make_document(
 
 
 def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-    """Return a row without these keys."""
+    """Return a copy of `row` without the entries named in `keys`."""
     return {k: x for k, x in row.items() if k not in keys}
 
 

@@ -1,5 +1,5 @@
-"""Format the library's tables as text: settings, columns, and codes. Also make example
-vehicle files."""
+"""Format tables for the user as text: the settings of filter and simulator, the columns
+of a log and of EST.csv (the estimates), the status codes. Make example vehicle files."""
 
 import textwrap
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from tse.estimation.estimate import list_est_columns, list_est_fields
 from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
 
 MAX_TABLE_WIDTH = 108  # [characters] of a line of text; longer texts go on in the next line
-MIN_TEXT = 40  # [characters] least width of the last column of a table, however wide the others are
+MIN_TEXT = 40  # [characters] min width of the last column; a line may exceed MAX_TABLE_WIDTH for it
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
@@ -36,8 +36,8 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 
 
 def _wrap_text(text: str, first: str, then: str | None = None) -> list[str]:
-    """Return the lines of a text behind the characters `first`. The next lines begin with
-    `then`, by default as many spaces."""
+    """Return `first` + `text`, wrapped to lines of MAX_TABLE_WIDTH. All lines after the
+    first begin with `then`. None: with spaces, as many as `first` has characters."""
     width = max(MAX_TABLE_WIDTH, len(first) + MIN_TEXT)
     if len(first) + len(text) <= width:
         return [f"{first}{text}".rstrip()]
@@ -82,7 +82,8 @@ def log_columns_table() -> str:
 
 
 def list_estimate_columns() -> list[list[str]]:
-    """Return name, unit and meaning of each column of EST.csv except `time`."""
+    """Return name, unit and meaning of each column of EST.csv, the table of estimates,
+    except `time`."""
     rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or why it is not valid"] for s in (*STIFFNESS, GRIP)}
     for f in list_est_fields():
         rows[f.name] = [f.name, _find_unit(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
@@ -117,8 +118,8 @@ def example_vehicle() -> str:
     The required keys have the values of the built-in car. The lines of all other keys are
     commented out: their values are examples and do not hold for the user's car. If these
     lines were active and a user left them unchanged, the sensors and stiffnesses of a
-    different car would cause wrong estimates. As comments they have no effect, and a run
-    takes the values of an ordinary car, whose sds allow for their error."""
+    different car would cause wrong estimates. For a key that is commented out, a run
+    takes the value of an ordinary car, and an sd that allows for its error."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]
@@ -203,10 +204,10 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return the line of a vehicle file that sets a key to `value`, with unit, range and
-    meaning as a comment, which may go on in further lines. `key`: the key, if it is not
-    the name of the setting `f`."""
-    # If 0 is outside the range, remove the part of the text about the meaning of 0: a
-    # vehicle file must then leave the key out, and not set it to 0.
+    meaning as a comment, which may go on in further lines. `key`: name of the key in the
+    vehicle file; "": the name of the setting `f`."""
+    # If 0 is outside the range, a vehicle file cannot set the key to 0. Then remove the
+    # part of the text that says what 0 means.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
     setting = f"{key or f.name} = {float(value)!r}  # "
     comment = f"{f.unit}, {f.low:g} .. {f.high:g}: {about}"

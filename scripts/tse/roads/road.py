@@ -14,9 +14,9 @@ latitude, longitude  deg, the path in geographic coordinates; both or none
 curvature            1/m, of the path, > 0 to the left; default: computed from the path
 closed               1: a circuit, whose last row is the same place as the first; 0: open
 
-Three things are required: distance; bank or grade; a path (x and y, or latitude and
-longitude) or the curvature. road_match.py finds the places of the rows of a log on the
-road.
+Required columns: distance; at least one of bank and grade; and the course of the road,
+i.e. x and y, or latitude and longitude, or curvature. road_match.py finds the places of
+the rows of a log on the road.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
-# [m] distance between the two places on the road from whose values the derivative of bank
-# or grade with respect to distance is computed. A profile that was fitted to logs has
-# knots 40 m apart and is linear between them. The distance is much shorter, so that both
-# places usually lie between the same two knots, where the derivative is constant.
+# [m] The derivative of bank or grade with respect to distance is the difference of the
+# values at two places this far apart / this distance. A profile that was fitted to logs
+# has knots 40 m apart and is linear between them. 5 m is much less than 40 m, so that
+# both places usually lie between the same two knots, where the derivative is constant.
 SLOPE_DISTANCE = 5.0
 # [m] sd of the Gaussian window that smooths the curvatures of log and road before they
 # are compared. A car needs about 15 m to turn from a straight into a bend. The value is
@@ -137,8 +137,8 @@ class Road:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Latitude and longitude [deg] of the first place of the road. If x and y are
-        computed from latitude and longitude, this is their origin."""
+        """Latitude and longitude [deg] of the first place of a road that has them. If x
+        and y are computed from them, x = y = 0 at this place."""
         return float(self.latitude[0]), float(self.longitude[0])
 
     def interpolate(self, name: str, distance: Array) -> Array:
@@ -216,11 +216,12 @@ def make_road(
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
     """Convert latitude and longitude [deg] to distances [m] east and north of an origin.
 
-    `origin`: latitude and longitude, deg. The projection is equirectangular. For places
-    within 10 km of an origin at a latitude of 60 deg, the error of their distance from
-    the origin is up to 5 m. It is less at lower latitudes. road_match.py projects the
-    positions of log and road with the same origin. So a place has the same error in both,
-    and the error does not affect the matching.
+    `origin`: latitude and longitude, deg. The projection is equirectangular. If the
+    origin is at a latitude of 60 deg, a point 10 km from the origin is projected to a
+    distance from the origin that is wrong by up to 5 m. The error is less for nearer
+    points and at lower latitudes. The error does not affect the matching of a log with a
+    road: road_match.py projects both with the same origin, so that the car and the place
+    of the road under it are displaced equally.
     """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
@@ -278,7 +279,8 @@ def read_road(path: Path) -> Road:
     columns = {n: _parse_column(path, n, table[header.index(n)], line) for n in COLUMN_RANGES if n in header}
     if "distance" not in columns:
         raise UserError(
-            f"{path}: column distance is missing in the header (line 1); known: {', '.join(COLUMN_RANGES)}"
+            f"{path}: column distance is missing in the header (line 1); columns of a road: "
+            f"{', '.join(COLUMN_RANGES)}"
         )
     if "bank" not in columns and "grade" not in columns:
         raise UserError(f"{path}: column bank or grade is needed; found: {', '.join(header)[:200]}")
@@ -292,8 +294,8 @@ def read_road(path: Path) -> Road:
 
 
 def _find_lines(path: Path) -> Array:
-    """Return the numbers of the lines that are rows, the header included. pandas skips
-    blank lines."""
+    """Return the numbers, from 1, of the lines that are not blank. The first is the
+    header. pandas skips blank lines, so its row numbers do not tell the line."""
     with open(path, encoding="utf-8-sig") as file:
         return np.flatnonzero([bool(text.strip()) for text in file]) + 1
 
@@ -309,7 +311,7 @@ def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
         except ValueError:
             raise UserError(
                 f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; "
-                f"allowed: {_format_range(name)}; bank, grade and their sd may be empty"
+                f"allowed: {_format_range(name)}; only bank, grade, bank_sd and grade_sd may be empty"
             ) from None
     return values
 
@@ -354,8 +356,8 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
         empty = np.isnan(columns[name])
         if empty.any():
             raise UserError(
-                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; "
-                f"allowed: {_format_range(name)}"
+                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; enter a number, "
+                f"{_format_range(name)}"
             )
     back = np.diff(distance) <= 0
     if back.any():

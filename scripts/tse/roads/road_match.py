@@ -5,18 +5,18 @@ road have positions, the place of a row is the place nearest to the position of 
 Otherwise, the curvature of the path of the car (yaw rate / speed) as a function of the
 travelled distance is matched with the curvature of the road.
 
-This match uses a hidden Markov model and finds its most probable sequence of states
-(Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260). The states are places on the road,
-PLACE_STEP apart, and the state "elsewhere", i.e. off the road. In each step of the log,
-i.e. while the car travels PLACE_STEP, the place advances by 0, 1 or 2 steps. The steps of
-0 and 2 allow for an error of the distance due to a wrong wheel radius or a different
-lane. The car may start anywhere on the road, drive several rounds of a circuit, and drive
-to the road and away from it.
+Curvatures are matched by a hidden Markov model: its most probable sequence of states
+(Viterbi, IEEE Trans. Inf. Theory 13 (1967) 260) gives the places. The states are places
+on the road, PLACE_STEP apart, and the state "elsewhere", i.e. off the road. In each step
+of the log, i.e. while the car travels PLACE_STEP, the state moves on by 0, 1 or 2 places.
+Moves by 0 and 2 places allow for an error of the travelled distance due to a wrong wheel
+radius or a different lane. The car may start anywhere on the road, drive several rounds
+of a circuit, and drive to the road and away from it.
 
 A stretch is a part of the log in which the car is on the road without interruption. A
 stretch is accepted only if the curvatures of log and road correlate (MIN_ALIKE) and the
-road turns enough (SURE_TURN, SURE_SHARE, MIN_TURN), since one straight cannot be
-distinguished from another."""
+road turns enough (SURE_TURN, SURE_SHARE, MIN_TURN). On straights, the curvature is 0
+everywhere and does not tell the place."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ GNSS, PATH = "GNSS position", "path"
 # the distances by PATH and by GNSS in four real laps.
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH_DISTANCE
-# [m] If a position is further than this from the path of the road, it is off the road.
-# The value is the width of four lanes, or the error of a poor GNSS receiver.
+# [m] max distance between the position of a car on the road and the path of the road. It
+# allows for a car four lanes (15 m) beside the path, or for a poor GNSS receiver.
 MAX_OFF_ROAD = 15.0
 # [m] When the nearest place of the road is searched, a difference between the direction
 # of driving and the direction of the road counts as an additional distance between car
@@ -63,10 +63,11 @@ SLIP_COST = 3.0
 ALIKE_SD = 0.25
 # [1/m] min of the sd of the difference between the curvatures of log and road: this value
 # is used if ALIKE_SD x rms curvature is smaller. It allows for steering corrections on a
-# straight, which have a radius of 2 km.
+# straight: curves with a radius of 2 km.
 MIN_ALIKE_SD = 5e-4
-# [1] limit of (difference of the curvatures / its sd)^2. Because of this limit, a short
-# large difference, e.g. when the car overtakes, does not put the car off the road.
+# [1] larger values of (difference of the curvatures / its sd)^2 are replaced by this
+# value. So a short large difference, e.g. when the car overtakes, does not put the car
+# off the road.
 MAX_SQUARED_ERROR = 9.0
 # [nat] cost of each step of the log in which the car is off the road. It equals the cost
 # of a step on the road in which the curvature of the log differs from the curvature of
@@ -89,17 +90,18 @@ MIN_TURN = 1.0
 # turns less may match by chance: a stretch with 3.6 rad of a winding road was found to
 # match the same road reversed or mirrored.
 SURE_TURN = 6.0
-# [1] The place of a stretch is ambiguous if its curvature matches that of a different
-# part of the road nearly as well as that of the part on which it was found. This is so if
-# the correlation with the different part is smaller by less than this value, or larger.
+# [1] The place of a stretch is ambiguous if the curvature of the log also correlates with
+# the curvature of a different part of the road: if this correlation exceeds (correlation
+# with the part of the road on which the stretch was found) - (this value).
 SAME_ALIKE = 0.05
 # [1] A short road or log may turn by less than SURE_TURN. So a stretch whose turning is
 # below SURE_TURN is accepted as well if its turning exceeds this share of the turning of
 # the whole road or of the whole log, whichever turns less.
 SURE_SHARE = 0.8
-# [1] max relative error of the distance that is computed from the wheel speeds, as found
-# by the match. If the error is larger, e.g. due to a wrong wheel radius, the distance is
-# corrected, and the log is matched again.
+# [1] The match of a log gives the ratio: distance along the road / distance from the
+# wheel speeds. If the ratio differs from 1 by more than this value, e.g. due to a wrong
+# wheel radius, the distance from the wheel speeds is corrected, and the log is matched
+# again.
 MAX_STRETCH = 0.005
 # [m] sd of the Gaussian window over which _refine_places() averages the offset, i.e. the
 # distance along the road minus the distance from the wheel speeds. The offset is taken as
@@ -108,7 +110,8 @@ DRIFT_WINDOW = 60.0
 MIN_ROUND = 100.0  # [m] min length of a circuit
 # [m] max distance that the car drives before it reaches the circuit, e.g. in a pit lane
 MAX_PIT_LANE = 300.0
-# [1] max of (error of dead reckoning after one round) / (length of the round)
+# [1] limit of: distance between beginning and end of a round / length of the round, if
+# the path of the round is computed from the curvature. Above it, there is no circuit
 MAX_CLOSURE = 0.05
 # Max number of places on the road in the hidden Markov model. If a road needs more places
 # PLACE_STEP apart, their spacing is increased.
@@ -117,15 +120,15 @@ MAX_PLACES = 8000
 
 @dataclass(frozen=True)
 class Track:
-    """The path of a log.
+    """The path of the car in a log of n rows.
 
     Parameters
     ----------
     travelled
         (n,) [m] distance from the wheel speeds since the first row. It never decreases.
     heading
-        (n,) [rad] integral of (yaw rate - bias of the gyro) over the time in which the
-        car moves.
+        (n,) [rad] integral of (yaw rate - bias of the gyro) over time since the first
+        row. It stays constant while the car stands.
     x, y
         (n,) m, positions. None: the log has none.
     latitude, longitude
@@ -170,7 +173,8 @@ class Profile:
 
     @property
     def sd(self) -> float:
-        """rms of bank_sd and grade_sd over all rows, rad. NaN: both are unknown."""
+        """rms [rad] of all known values of bank_sd and grade_sd together. NaN: none is
+        known."""
         known = np.concatenate([self.bank_sd, self.grade_sd])
         known = known[np.isfinite(known)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
@@ -338,7 +342,9 @@ def derive_road(track: Track) -> Road:
     """
     end = float(track.travelled[-1])
     if end < 4 * PLACE_STEP:
-        raise UserError(f"the car has moved by {end:.3g} m; a road needs {4 * PLACE_STEP:g} m")
+        raise UserError(
+            f"no road can be made from the log: the car moved by {end:.3g} m, less than {4 * PLACE_STEP:g} m"
+        )
     way = np.append(np.arange(0.0, end - PLACE_STEP, 2 * PLACE_STEP), end)
     turn = _compute_track_curvature(track, way)
     position = _average_positions(track, way)
@@ -373,7 +379,8 @@ def derive_road(track: Track) -> Road:
 def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Array | None] | None:
     """Return x, y, latitude and longitude at travelled distances `way`, smoothed.
 
-    None: the log has too few positions."""
+    Return None if the log has fewer than 4 positions. Latitude and longitude are None if
+    the log has only x and y."""
     if track.x is None:
         return None
     known = np.isfinite(track.x) & np.isfinite(track.y)
@@ -392,8 +399,8 @@ def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | 
 
 
 def _smooth_values(values: Array, sd: float) -> Array:
-    """Smooth values by a Gaussian window. The unit of `sd`, the sd of the window, is the
-    spacing of the values.
+    """Smooth evenly spaced values by a Gaussian window. `sd`: sd of the window / spacing
+    of the values.
 
     The window needs values beyond both ends of the series. They are made by reflection of
     the series in its end point, so that a straight line stays straight up to its end."""
@@ -422,15 +429,18 @@ def _find_round(road: Road) -> tuple[int, int] | None:
     if the road is no circuit.
 
     At the end of a round, the path reaches the beginning of the round again, in the same
-    direction. If the road has positions, the function tries places every 10 m up to
-    MAX_PIT_LANE as the beginning, until the path returns to one: it must have a part that
-    begins at least MIN_ROUND later and lies within MAX_OFF_ROAD of the beginning. The
-    place in the first such part that is nearest to the beginning is the end of the round.
+    direction.
 
-    Without positions, the round begins at the first place, and the function tries lengths
-    of the round L. A length must meet two conditions: the curvatures at all pairs of
-    places that are L apart correlate (MIN_ALIKE), and the path computed from the
-    curvature returns after L to within MAX_CLOSURE x L of its beginning.
+    If the road has positions, places every 10 m up to MAX_PIT_LANE are tried as the
+    beginning. The first place to which the path returns is taken: the path comes within
+    MAX_OFF_ROAD of this place again, more than MIN_ROUND later. The round ends where the
+    path is nearest to the beginning during this first return.
+
+    Without positions, the round begins at the first place, and lengths L of the round
+    from MIN_ROUND on are tried. A length must meet two conditions: the curvature of the
+    path and the same curvature shifted by L correlate (MIN_ALIKE), and the path computed
+    from the curvature returns after L to within MAX_CLOSURE x L of its beginning. The
+    first such L is taken, or one of the next 9 places if the correlation is higher there.
     """
     s = road.distance
     if road.x is not None:
@@ -510,7 +520,7 @@ def match_by_position(
     travelled
         (m,) [m] travelled distance at each position, from the wheel speeds. The positions
         are interpolated at travelled distances 1 m apart and smoothed. The direction of
-        driving is the direction from one of these to the next.
+        driving is the direction of the line through the smoothed positions.
 
     Returns
     -------
@@ -542,8 +552,9 @@ def match_by_position(
 def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
     """Convert travelled distances `at` to distances along a road.
 
-    `s`: distances along the road at the travelled distances `way`. Between them, s is
-    interpolated linearly. At a jump of s, or next to NaN, the nearest value is used."""
+    `s`: distances along the road at the travelled distances `way`. Between two values of
+    `way`, s is interpolated linearly. But if s changes there by at least 5 times as much
+    as `way`, or if one of the two s is NaN, the s at the nearest `way` is used."""
     i = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     share = (at - way[i]) / (way[i + 1] - way[i])
     step = s[i + 1] - s[i]
@@ -610,11 +621,13 @@ def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return the ratio of the distance along the road to the distance from the wheel
-    speeds, as the mean advance of the place per step of the log. Return 1 if no part of
-    the log is on the road."""
+    """Return the ratio: distance along the road / distance from the wheel speeds.
+
+    Places on the road and steps of the log have the same spacing. So the ratio is the
+    mean number of places by which the car moves on in a step. Return 1 if no part of the
+    log is on the road."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
-    steps = steps[steps >= 0] if is_closed else steps  # a step is negative if a new round begins
+    steps = steps[steps >= 0] if is_closed else steps  # < 0: the index restarts at 0 in a new round
     return float(np.mean(steps))
 
 
@@ -650,10 +663,10 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # came[i, place] is the code of the most probable state before step i, if the state
-    # after step i is `place`. 0, 1, 2: the place this many places before `place`; 3:
-    # elsewhere. came[i, n] is the code of the state before step i, if the state after
-    # step i is "elsewhere". 0: elsewhere; 1: the place left[i].
+    # came[i] has codes of the most probable state before step i. came[i, p] is the code
+    # if the state after step i is the place p: 0 for p, 1 for p - 1, 2 for p - 2, 3 for
+    # "elsewhere". came[i, n] is the code if the state after step i is "elsewhere": 0 for
+    # "elsewhere", 1 for the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     # left[i] is the place from which the car leaves the road, if it leaves it in step i
     left = np.zeros(steps, np.int64)
@@ -696,10 +709,10 @@ def _accept_stretches(
 
     In a stretch, the correlation of the curvatures of log and road must exceed MIN_ALIKE.
     In addition, the turning in the stretch, i.e. the integral of |curvature| of the road
-    over it, must exceed a limit. The limit is SURE_TURN. If the whole road or the whole
-    log turns so little that SURE_SHARE x its turning is smaller, the limit is this
-    product, but at least MIN_TURN. `its`: curvatures of the road at its places. `turn`:
-    curvatures of the log at its steps. `step`: [m] spacing of places and steps."""
+    over it, must exceed a limit. The limit is the smallest of three values, but at least
+    MIN_TURN: SURE_TURN, SURE_SHARE x turning of the whole road, and SURE_SHARE x turning
+    of the whole log. `its`: curvatures of the road at its places. `turn`: curvatures of
+    the log at its steps. `step`: [m] spacing of places and steps."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -735,15 +748,16 @@ def _is_ambiguous(
 def _refine_places(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> Array:
-    """Return the places more finely than in whole steps: as distances [m] from place 0.
+    """Return the distance [m] along the road from place 0 for each step of the log. It is
+    more accurate than step * place. NaN: off the road.
 
-    NaN: off the road. The offset, i.e. the distance along the road minus the travelled
-    distance, changes slowly, because it comes from the error of the wheel radius and from
-    the lane. So it is taken as constant within a Gaussian window (DRIFT_WINDOW) about
-    each place. Three Gauss-Newton steps estimate it such that the curvature of the log
-    fits that of the road (Lucas and Kanade, IJCAI (1981) 674). Places are weighted by the
-    square of the derivative of the curvature with respect to distance, since the offset
-    is observable only where the curvature changes.
+    The offset, i.e. the distance along the road minus the travelled distance, changes
+    slowly, because it is due to a wrong wheel radius and to the lane. So the offset is
+    taken as constant within a Gaussian window (DRIFT_WINDOW) about each place. Three
+    Gauss-Newton steps estimate the offset at which the curvature of the log fits the
+    curvature of the road best (Lucas and Kanade, IJCAI (1981) 674). Places are weighted
+    by the square of the derivative of the curvature with respect to distance, since the
+    offset is observable only where the curvature changes.
     """
     n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)

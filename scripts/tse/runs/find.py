@@ -52,11 +52,11 @@ def find_drives(
 ) -> list[Drive]:
     """Return all logs, sorted by car and by the time of the drive.
 
-    `words`: files, folders and glob patterns. `table`: CSV with the vehicle file of each
-    log. If `table` is None, all logs have the vehicle file `vehicle`, and belong to the
-    car named `car`. If `car` is also None, each folder has the logs of one car, which is
-    named after the folder. `out`: folder of the results, which is not searched for
-    logs."""
+    `words`: files, folders and glob patterns. `table`: CSV with the vehicle file and the
+    car of each log; `vehicle` and `car` are then not used. If `table` is None, all logs
+    have the vehicle file `vehicle`, and belong to the car named `car`. If `table` and
+    `car` are None, each folder has the logs of one car, which is named after the folder.
+    `out`: folder of the results, which is not searched for logs."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
@@ -67,9 +67,9 @@ def find_drives(
 
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Return every log once, as a pair: its path, and the folder after which its car is
-    named if the user gives no name for the car. Raise UserError if a folder contains no
-    log, or if one of `words` matches no file."""
+    """Return every log once, as a pair: path of the log, folder of the car. If the user
+    gives no name for the car, the car is named after this folder. Raise UserError if a
+    folder contains no log, or if one of `words` matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
@@ -193,7 +193,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
         hint = suggest_names(str(column), TABLE_COLUMNS, 1)
-        raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
+        raise UserError(f"{table}: column {column} is not known{hint}; allowed: {', '.join(TABLE_COLUMNS)}")
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
     of: dict[str, str] = {}
     numbers = list(lines)[1:]
@@ -207,7 +207,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     for line, row in zip(numbers, rows, strict=False):
         for column in TABLE_COLUMNS[:2]:
             if not row[column]:
-                raise UserError(f"{table}: line {line}, column {column}: is empty")
+                raise UserError(
+                    f"{table}: line {line}, column {column}: is empty; each line needs log and vehicle"
+                )
         for column in ("vehicle", "signals"):
             if row[column] and not (resolve_path(table).parent / row[column]).is_file():
                 raise NoFile(f"{table}: line {line}, column {column}: {row[column]}: no such file")
@@ -236,8 +238,9 @@ def find_start(path: Path) -> tuple[float, str]:
 
 
 def _read_name_date(path: Path) -> float | None:
-    """Return the date, and the time of day if there is one, in the name of the file or of
-    its folder [s since 1970]. None: there is no date."""
+    """Return the date in the name of the file or, if it has none, in the name of its
+    folder, as s since 1970 UTC. If a time of day follows the date, it is used as well,
+    otherwise 00:00. None: there is no date."""
     for name in (path.stem, path.parent.name):
         if m := DATE.search(name):
             year, month, day, hour, minute, second = (int(x or 0) for x in m.groups())
@@ -247,7 +250,8 @@ def _read_name_date(path: Path) -> float | None:
 
 def _read_log_start(path: Path) -> float | None:
     """Return the start time in the header of a log [s since 1970]. Formats with a start
-    time are MDF 4, MDF 3, BLF and MCAP. None: the log has a different format."""
+    time are MDF 4, MDF 3, BLF and MCAP. None: the log has a different format, is a
+    folder, or is an MCAP file without a readable summary."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:

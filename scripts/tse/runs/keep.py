@@ -32,9 +32,9 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 # if there are at least this many other logs
 MIN_LOGS = 3
 # Max ratio: stiffness in a log / median of this stiffness in the other logs of the car. A
-# ratio that exceeds this limit by more than 2 sd of the stiffness gives a warning. Ratios
-# up to this limit are normal even if all logs are on dry asphalt, which gives the largest
-# stiffness: the stiffness varies with the temperature, because warm tyres are softer
+# warning is given if ln(ratio) exceeds ln(1.3) by more than 2 x (sd / value of the
+# stiffness in the log). Ratios up to 1.3 are normal even if all logs are on dry asphalt:
+# the stiffness varies with the temperature, because warm tyres are softer
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
@@ -83,10 +83,10 @@ class Store:
         return resolve_path(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
-        """Write a calibrated vehicle file, unless an identical one
-        exists. Return its path.
+        """Write the calibrated vehicle file of the car of `drive`, and return its path.
 
-        `drive`: drive of the car. `text`: content of the file."""
+        `text`: content of the file. If the file has a different content, it is replaced.
+        If it has this content already, it is not written again."""
         folder = self.out / CALIBRATED
         folder.mkdir(exist_ok=True)
         path = (
@@ -118,8 +118,8 @@ class Store:
         return None
 
     def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
-        """Store an outcome. The report is written before the log is recorded as done, so
-        that no log without report is recorded if the process is killed in between."""
+        """Store an outcome: first write its report, then record the log as done. If the
+        process is killed between the two, the log is not done and runs again."""
         report = ""
         if outcome.report is not None:
             report = f"{REPORTS}/{self.name(drive)}.html"
@@ -133,8 +133,8 @@ class Store:
         return Done(drive, outcome, report)
 
     def write(self, done: Sequence[Done]) -> pd.DataFrame:
-        """Write the table of all logs, and for each car the learnt state after its last
-        drive. Return the table."""
+        """Write the table of all logs, and for each car the state that the filter had
+        learnt after the last drive of the car. Return the table."""
         for car in {d.drive.car for d in done}:
             mine = [d for d in done if d.drive.car == car and d.outcome.learnt]
             if mine:
@@ -176,11 +176,13 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     """Return a warning for each log in which a stiffness is much larger than in the other
     logs of its car.
 
-    The stiffness is compared with its median in the other logs. Usually most of them are
-    on dry asphalt, where the stiffness is largest. The road surface then cannot explain a
-    stiffness much above the median: car, load or tyres are different. The warning is
-    false only if most of the other logs were on slippery roads, e.g. on snow. A stiffness
-    much below the median gives no warning, since wet roads and snow explain it."""
+    The largest value of a stiffness in a log, relative to nominal, is compared with the
+    median of the largest values in the other logs. Usually most of the other logs are on
+    dry asphalt, where the stiffness is largest. The road surface then cannot explain a
+    value much above the median: car, load or tyres of this log differ from those of the
+    other logs. The warning is wrong if most of the other logs were on slippery roads,
+    e.g. on snow. A stiffness much below the median gives no warning, since wet roads and
+    snow explain it."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -245,7 +247,8 @@ def _list_inputs(log: Path, reading: Reading) -> list[Path]:
 
 
 def _clean_name(name: str) -> str:
-    """Return a name with only those characters that every file system allows."""
+    """Return a name that every file system allows: at most 60 letters, digits, "_", "-"
+    and ".". All other characters become "_". If nothing is left, return "log"."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._")[:60] or "log"
 
 
