@@ -38,7 +38,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return found
 
 
-ReadColumn = Callable[[int], Any]  # function: index of a column in the file -> the column
+# function: index of a column in the file -> its values, a pyarrow.ChunkedArray
+ReadColumn = Callable[[int], Any]
 
 
 def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:

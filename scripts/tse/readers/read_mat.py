@@ -15,14 +15,15 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import Channel, ReadOptions, Recording, check_rows, import_optional, list_names
 from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recording, split_unit, split_words
 
-# [bytes] unpacked size up to which a MAT file of version 5 is read at once; the variables
-# of a larger file are read one by one
+# [bytes] A MAT file of version 5 with at most this unpacked size is read by one call. A
+# larger file is read variable by variable, which takes less memory
 MAX_BYTES_AT_ONCE = 1 << 25
-# A matrix with more columns is skipped. Each column of any other matrix is a channel
+# Each column of a matrix is a channel. A matrix with more columns than this is skipped
 MAX_MATRIX_COLUMNS = 16
 MIN_VECTOR_LENGTH = 2  # a shorter vector is skipped
 COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
-# [bytes] largest unpacked size of a variable of version 5, enough for 30 h at 1 kHz
+# [bytes] A file of version 5 with a larger unpacked variable is refused. A vector of
+# doubles of this size holds 37 h at 1 kHz
 MAX_VARIABLE_BYTES = 1 << 30
 
 
@@ -64,7 +65,10 @@ def read(path: Path, how: ReadOptions) -> Recording:
     times = {name: v for name, v in vectors.items() if _is_time(name, v, units)}
     if how.time is not None:
         if how.time not in vectors:
-            raise UserError(f"{path}: [log] time: there is no {how.time!r}; vectors: {list_names(vectors)}")
+            raise UserError(
+                f"{path}: there is no vector {how.time!r}: correct [log] time in signals.toml; "
+                f"vectors of this file: {list_names(vectors)}"
+            )
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
         columns = [
@@ -182,8 +186,9 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 def _measure_unpacked(path: Path) -> int:
     """Return the unpacked size [bytes] of all variables in a file of version 5.
 
-    The sizes are read from the headers of the variables. A wrong header does no harm:
-    scipy unpacks at most as many bytes as the header states."""
+    The sizes are read from the headers of the variables. scipy unpacks at most as many
+    bytes as a header states, so a wrong header cannot hide a variable that exhausts the
+    memory. If a variable is larger than MAX_VARIABLE_BYTES, UserError is raised."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -253,7 +258,10 @@ def _walk_version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:
-    """Yield paths and values of all vectors, strings and units in a group of HDF5."""
+    """Yield paths and values of all vectors and strings in a group of HDF5.
+
+    If a dataset has an attribute `unit` or `units`, also yield the unit, as a string with
+    the path NAME.unit, where NAME is the path of the dataset."""
     for key, item in group.items():
         name = f"{at}.{key}" if at else key
         if key.startswith("#"):

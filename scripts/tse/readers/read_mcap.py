@@ -41,7 +41,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
         )
     unread = list_names(f"{t} ({e})" for t, e in strange.items())
     if strange and not count:
-        raise UserError(f"{path}: no topic can be read: {unread}; readable: ROS 1, ROS 2, JSON, protobuf")
+        raise UserError(
+            f"{path}: no topic can be read: {unread}; readable encodings: ROS 1, ROS 2, JSON, protobuf"
+        )
     if strange:
         notes.append(f"topics that cannot be read: {unread}")
     return Recording(path, "MCAP", collect.channels(), notes)

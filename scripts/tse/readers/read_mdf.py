@@ -1,4 +1,4 @@
-"""Read MDF 3 and 4 by asammdf, and decode the frames of a bus that they contain."""
+"""Read MDF 3 and MDF 4 files by asammdf, and decode the bus frames in the files."""
 
 import gc
 import logging
@@ -51,7 +51,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
     finally:
         gc.collect()
         sys.unraisablehook = hook
-    if damage:  # raised here, because inside the except block the error keeps asammdf's objects alive
+    # not raised in the except block: there the error would keep asammdf's objects alive
+    # until the hook is restored, and their __del__() would then print messages
+    if damage:
         raise UserError(
             f"{path}: is damaged or cut off: {damage}; its content cannot be read: "
             "copy it again, or repair it by the tool of the recorder"
@@ -59,13 +61,12 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# An MDF 4 file consists of blocks. A link in a block is the position of a different
-# block, or 0. Link 0 leads to the next block of the same kind, so that the blocks form a
-# list. Each of the other links leads to the first block of a different list. Key: kind of
-# a block. Value: for each link that leads to a different list and that is checked, the
-# index of the link and the kinds that the first block of this list can have. HL is the
-# only kind whose link 0 does not lead to a block of the same kind: it leads to the first
-# DL
+# An MDF 4 file consists of blocks. A link in a block is the position [bytes] of a
+# different block; the value 0 means no block. The first link (index 0) leads to the next
+# block of the same kind: such blocks form a list. Only in a block of kind HL, the link of
+# index 0 leads to the first DL. A link of a higher index leads to the first block of a
+# sublist. Key: kind of a block. Value: for each sublist that is checked, the index of its
+# link and the kinds that its first block can have
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -75,10 +76,10 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# Kinds of the lists in which even the first block must have the kind of the list; if it
-# has not, the file is damaged. For the other kinds, a link to a list may lead to a block
-# of a different kind, e.g. to a single data block (DT) instead of a list of data blocks
-# (DL). Such a block is not checked
+# A link to the first block of a list of one of these kinds must lead to a block of this
+# kind; if not, the file is damaged. In place of a list of any other kind there may be a
+# block of a different kind, e.g. a single data block (DT) instead of the first DL. Such a
+# block is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -100,7 +101,7 @@ def _check_chains(path: Path) -> None:
                 if at in chain or len(met) > MAX_BLOCKS:
                     raise UserError(
                         f"{path}: is damaged: its list of {kind[2:].decode()} blocks forms a circle "
-                        f"at byte {at}; copy it again"
+                        f"at byte {at}, or the file has more than 5 million blocks; copy it again"
                     )
                 chain.add(at)
                 if (kind, at) in met:
@@ -114,10 +115,11 @@ def _check_chains(path: Path) -> None:
 
 
 def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
-    """Return the links of the block of this kind at byte `at`.
+    """Return the first 8 links, or all if fewer, of the block of this kind at byte `at`.
 
     If there is no such block at this byte, return [], or raise a UserError if the block
-    is `required`. A block begins with its kind, its length and its number of links."""
+    is `required`. If the file ends within the links, return []. A block begins with its
+    kind, its length and its number of links."""
     file.seek(at)
     head = file.read(24)
     if len(head) < 24 or head[:4] != kind:

@@ -28,7 +28,8 @@ from tse.readers.table import (
     split_words,
 )
 
-# number of rows directly above the data that may hold names, units or sources of channels
+# largest number of rows directly above the data that may hold names, units, or sources of
+# the channels (e.g. gps, obd)
 MAX_HEADERS = 4
 HEAD_LINES = 400  # number of lines at the beginning of a file that are read to find its layout
 DELIMITERS = (",", ";", "\t", "|")
@@ -150,8 +151,8 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
         notes.append(f"the file has {cars} cars: channels are named CAR.NAME, CAR from column {titles[3]}")
     if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
-            f"{path}: column {titles[1]} has the names of {count:,} channels; "
-            f"allowed: up to {MAX_LONG_NAMES:,}"
+            f"{path}: column {titles[1]} is taken as the names of channels, but has {count:,} different "
+            f"names; allowed: up to {MAX_LONG_NAMES:,}; remove the rows of channels that are not needed"
         )
     channels: dict[str, Channel] = {}
     for given, rows in name.groupby(name).indices.items():
@@ -277,7 +278,9 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
 
 
 def _split_line(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
-    """Return the cells of a line. `tried` as in split_cells()."""
+    """Return the cells of a line, without blanks around them.
+
+    `tried`: True if the separator is only tried. Long cells are then no error."""
     if separator == " ":
         return line.split()
     return [c.strip() for c in split_cells(path, line, separator, True, tried)]
@@ -314,7 +317,8 @@ def _find_layout(
         raise UserError(f"{path}: is no table: no line holds numbers; readable: {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [len(c) == width and is_row(c) for c in cells]
-    # after a row of data, the next line that is not blank is a row of data, too
+    # The data begin at the first row of numbers whose next line, blank lines apart, is a
+    # row of numbers, too: a single row of numbers may belong to the preamble
     filled = [i for i, c in enumerate(cells) if c]
     first = next(
         (
@@ -346,11 +350,12 @@ def _find_layout(
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
     """Return the index of the row of the names among the rows directly above the data.
 
-    Between the names and the data there may be a row of units and a row with the source
-    of each channel. A row of units is recognised by its cells. Several channels have the
-    same source, but hardly the same name, so the row of the names is the one with the
-    most different cells. If several rows have equally many, the last of them is taken.
-    `full`: indices of the rows above the data with as many cells as the data."""
+    Between the names and the data there may be a row of units and a row of sources, e.g.
+    gps or obd. A row of units is recognised by its cells. Several channels have the same
+    source, but hardly the same name. So the row of the names is the one with the most
+    different cells; of several rows with the same number of them, it is the last.
+    `full`: indices of the rows above the data with as many cells as a row of data, or one
+    more; if there are none, the index of the last row above the data."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]
@@ -385,7 +390,7 @@ def _take_names(
 
 
 def _find_first_decimal(path: Path, lines: Iterable[str], separator: str) -> str | None:
-    """Return the decimal sign of the first line that has one."""
+    """Return the decimal sign of the first line that has one; None if no line has one."""
     further = (_find_decimal([_split_line(path, x, separator)]) for x in lines if "," in x or "." in x)
     return next(filter(None, further), None)
 

@@ -28,7 +28,7 @@ MAX_HEAD_BYTES = 1 << 20  # largest number of characters before section [data]
 # read() returns for it. The units of all other columns are in section [channel units].
 RECEIVER_UNITS = {
     "sats": "1",
-    "time": "",
+    "time": "",  # no channel: read() converts it to the times [s] of the channels
     "lat": "deg",
     "long": "deg",
     "velocity": "km/h",
@@ -89,7 +89,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     table = _read_table(path, first, names, notes)
     short = [SYNONYMS.get(n.lower(), n.lower()) for n in names]
     if "time" not in short:
-        raise UserError(f"{path}: [column names] has no column time; it has {list_names(names)}")
+        raise UserError(f"{path}: has no column time; its columns are {list_names(names)}")
     units = _find_units(names, short, sections)
     column = {s: i for i, s in reversed(list(enumerate(short)))}
     time = unpack_times(pd.to_numeric(table[column["time"]], errors="coerce").to_numpy(float))
@@ -156,7 +156,7 @@ def _shorten_title(title: str) -> str:
 
 
 def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
-    """Return the unit of each column.
+    """Return the unit of each column; "" if it has none.
 
     Columns of the receiver have the units in RECEIVER_UNITS. Only the title of a speed in
     [header] may state a different unit, as "velocity mph". The units of all other columns
@@ -164,9 +164,13 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     or only for the last ones. So its lines are assigned to the columns from the end: the
     last line has the unit of the last column, the last line but one has the unit of the
     last column but one, and so on. A line that is thus assigned to a column of the
-    receiver is ignored. Blank lines at the end of the section that are not units are
-    removed before. If a column has no unit then, its unit is searched in its title and in
-    its name."""
+    receiver is ignored. If a column has no unit then, its unit is searched in its title
+    and in its name.
+
+    A blank line either belongs to a column without unit or only ends the section. So, if
+    the section has more lines than there are columns besides the receiver's, blank lines
+    at its end are removed first, until it has as many. If it has fewer lines, one blank
+    line at its end is removed."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
@@ -207,7 +211,8 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
     check_rows(path, "[data]", text.count("\n"), 5)
     decimal = "," if "," in begin and "." not in begin else "."
     source = io.StringIO(text)
-    # pandas takes the number of cells from the first row, so it begins at one that fits
+    # pandas takes the number of cells from the first row that it reads. So rows at the
+    # beginning that have more cells than there are names are skipped
     skipped = next((i for i, x in enumerate(source) if 0 < len(x.split()) <= len(names)), None)
     if skipped is None:
         raise UserError(

@@ -98,7 +98,8 @@ def choose_reader(path: Path) -> str:
             f"{path}: does not begin like a {suffix} file: it is cut off, or has a different format; "
             f"readable: {FORMATS}"
         )
-    # bus logs have these suffixes, but detect_bus_text() found none: another text file
+    # .log and .can are suffixes of bus logs, but detect_bus_text() found no frames: the
+    # file is read as a table
     if found == "can" and suffix in (".log", ".can") and text:
         return "text"
     if found in ("can", "openpilot", "vbo"):
@@ -159,7 +160,10 @@ def unpack_log(path: Path) -> Iterator[Path]:
                         )
                     target.write(part)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise UserError(f"{path}: is damaged or cut off: {error}; unpack it first") from None
+            raise UserError(
+                f"{path}: is damaged or cut off: {error}; copy it again, or "
+                "unpack the part before the damage (gunzip -c)"
+            ) from None
         except OSError as error:
             raise UserError(f"{path}: cannot be unpacked: {error.strerror or error}") from None
         yield plain

@@ -115,13 +115,13 @@ class Recording:
         )
 
     def since_start(self) -> Recording:
-        """Return the recording with times that begin near 0.
+        """Return the recording; times since 1970 become times since its start.
 
-        If the time of the first sample is 1e6 s or later, the times are taken as counted
-        from 1970. Then the whole seconds of the first time are subtracted from all times
-        and added to `start`. Otherwise the times are unchanged. Up to here, the readers
-        store times since 1970 as doubles, with a rounding error below a microsecond, so
-        no accuracy is lost."""
+        The start time is the smallest of the first times of all channels. If its
+        magnitude is at least 1e6 s, the times are taken as counted from 1970: the whole
+        seconds of the start time are subtracted from all times and added to `start`.
+        Otherwise the times are unchanged. A time since 1970 in a double has a rounding
+        error below 1 us, so no accuracy is lost."""
         first = [
             float(c.time[i])
             for c in self
@@ -344,8 +344,9 @@ def limit_time(path: Path) -> Iterator[None]:
 def _make_time_error(path: Path, limit: float) -> UserError:
     """Return the error of a file that takes more than `limit` seconds to read."""
     return UserError(
-        f"{path}: reading takes more than {limit:.0f} s, the limit for its size: links between its blocks "
-        "form a circle, or the file is crafted to keep the machine busy"
+        f"{path}: reading takes more than {limit:.0f} s, the limit for its size: cut a long log into "
+        "drives; if the log is short, it is damaged (links between its blocks form a circle), or crafted to "
+        "keep the machine busy"
     )
 
 
@@ -407,9 +408,9 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# Python's module csv refuses cells above a limit of its own. While a wrong separator is
-# tried, a whole line may be a single cell. So this limit is set above the length of any
-# line that is read
+# [characters] Python's module csv refuses longer cells; its default, 131 072, is too low:
+# while a wrong separator is tried, a whole line is a single cell. The separators are
+# tried on the first 2^20 characters of a file, so no cell is longer than that
 csv.field_size_limit(1 << 22)
 
 
@@ -617,9 +618,11 @@ class Collector:
         self._messages = 0
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
-        """Add one message, at `time` or, if its header has a time, at that time.
+        """Add one message.
 
-        `type_` is the type of the message, which determines the units of its fields.
+        The time of its values is the time in its header or, if there is none, `time` [s],
+        when the message was logged, counted as in the file, e.g. from 1970. `type_` is
+        the type of the message, which determines the units of its fields.
 
         Raises
         ------
