@@ -205,7 +205,7 @@ def _compute_information(
     problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
 ) -> np.ndarray:
     """Return the information matrix of the unknowns x if the residuals of each channel
-    have the size in `scales`.
+    have the rms and the weight in `scales`.
 
     The matrix depends on the partial derivatives of the residuals, not on their values.
     So the values are set to 0: the measurements of a manoeuvre that was not driven are

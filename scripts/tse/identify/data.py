@@ -4,11 +4,11 @@ Inputs are smoothed, rows are divided into stretches (see FitStretch) and blocks
 noise of the sensors is estimated.
 
 The logged steering angle and wheel speeds are the inputs of the model. The tyre model
-differentiates them and so amplifies their noise. Without smoothing, a fit would reduce
-this noise by too long a longitudinal relaxation. The smoothing spline is the
-fixed-interval (RTS) smoother of a signal whose derivative is a random walk. The penalty
-of the spline is set by cross-validation: every second row is predicted from the other
-rows.
+differentiates them and so amplifies their noise. The longitudinal relaxation of the tyres
+is a low pass that reduces this noise. So without smoothing, a fit would estimate too long
+a relaxation length. The smoothing spline is the fixed-interval (RTS) smoother of a signal
+whose derivative is a random walk. The penalty of the spline is set by cross-validation:
+every second row is predicted from the other rows.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class PreparedLog:
     notes: list[str] = field(default_factory=list)
     # for channels whose noise was raised to a lower limit: ratio of original to raised sd
     quiet: dict[str, float] = field(default_factory=dict)
-    # [s] for channels that repeat their samples: mean age of the values in the rows
+    # [s] for channels that repeat their samples: mean time since the last new sample, over
+    # all rows with a value (_compute_age())
     held: dict[str, float] = field(default_factory=dict)
     wheel_noise: float = 0.0  # [rad/s] rms of the part of wheel speeds that smoothing removed
     # [s] Latency of measured channels relative to the gyro. simulate() delays the
@@ -132,7 +133,7 @@ def prepare(log: CheckedLog, config: Config) -> PreparedLog:
     Raises
     ------
     UserError
-        The sample time is longer than 0.1 s.
+        The median time between rows is longer than 0.1 s, or the log has a single row.
     """
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(
@@ -330,7 +331,9 @@ def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _estimate_noise(x: np.ndarray) -> float:
-    """Return the sd of the white noise of a channel, from its second differences."""
+    """Return the sd of the white noise of a channel, from its second differences. With
+    fewer than 8 finite values, return 1e-6.
+    """
     good = x[np.isfinite(x)]
     if len(good) < 8:
         return 1e-6
@@ -470,8 +473,8 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """Return 1 for a row whose inputs lie in its stretch at any fitted latency, otherwise
-    0.
+    """Return for each row 1 if its inputs can be read inside its stretch at every latency
+    that a fit may try, otherwise 0.
 
     If an input has the latency L, its value for the time t is read from the log at t + L.
     L is at most MAX_FITTED_LATENCY. So rows that lie less than this time before the end

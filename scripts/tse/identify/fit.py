@@ -41,7 +41,9 @@ MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
 NEAR_RATIO = 0.9
 MAX_FINAL_STEP = 0.1  # [posterior sd] a step that changes no unknown by more ends the search
 MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
-MIN_GAIN_SHARE = 0.25  # ratio of gain to predicted gain; below it, derivatives are simulated again
+# ratio of gain to predicted gain; after a step with a smaller ratio, partial derivatives
+# are simulated again instead of only being updated
+MIN_GAIN_SHARE = 0.25
 MAX_HALVINGS = 6  # number of lengths of a step that are tried, each half as long as the one before
 
 

@@ -35,8 +35,8 @@ class Knots:
     Attributes
     ----------
     distance : list of arrays [m], one for each log
-        Place of the car along its road, one value per row. Logs with the same `road`
-        share the origin.
+        Place of the car along its road, one value per row; NaN: off the road. Logs with
+        the same `road` share the origin.
     road : list of int, one for each log
         Index of the road.
     first, count : lists, one entry for each road

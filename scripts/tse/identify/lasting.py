@@ -12,11 +12,11 @@ channel as a random walk, and walk becomes the setting for its sd. Let D(L) be t
 square of the difference of two residuals that are a lag L apart. Then
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
 Noise, and errors that last less than SHORT_LAG, contribute equally to D(L) and to
-D(SHORT_LAG), so they cancel. The factor 2 is chosen for residuals that hills cause, with
-the autocovariance exp(-t/T) (cos t/T + sin t/T) for variance 1 and lag t. It gives
-walk^2 = 2/T, and the spectrum of the random walk then touches the spectrum of these
-residuals but is nowhere below it. If the residuals are themselves a random walk, walk^2
-is too large by the factor 2.
+D(SHORT_LAG), so they cancel. The factor 2 is chosen for residuals that hills cause. With
+variance 1, their autocovariance at the lag t is exp(-t/T) (cos t/T + sin t/T). A random
+walk with walk^2 = 2/T has a spectrum that touches their spectrum but is nowhere below it.
+With the factor 2, the formula gives about this value if T is much longer than SHORT_LAG.
+If the residuals are themselves a random walk, walk^2 is too large by the factor 2.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance in the integra
 # Intervals and lags with fewer are not used
 MIN_PIECE_VALUES = 20
 LASTING_PIECE_TIME = 10.0  # [s] length of an interval in measure_share(): about two manoeuvres
-SHARE_QUANTILE = 0.9  # measure_share() computes a ratio for each interval and returns this quantile
+# measure_share() computes the ratio of model error to signal for each interval, and
+# returns this quantile of the ratios
+SHARE_QUANTILE = 0.9
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,8 @@ class Piece:
     """Residuals of one channel in one log. The arrays have an entry for each residual."""
 
     time: np.ndarray  # [s]
-    size: np.ndarray  # moving rms of the measured channel, in the unit of the residuals
+    # moving rms (over 1 s) of the measured channel, in the unit of the residuals
+    size: np.ndarray
     residual: np.ndarray
 
 
@@ -126,10 +129,10 @@ def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple
     share
         The SHARE_QUANTILE of the ratios of all intervals. The model error in the ratio is
         sqrt(power / 1 s), where power is the integral of the autocovariance of the
-        residuals (see the top of this file). The power of an interval is that of all
-        residuals, scaled by the mean square of the interval. The mean of the ratios would
-        be misleading: a model that is right on a motorway and 15 % off in a hairpin is
-        not 5 % off.
+        residuals (see the top of this file). The power of an interval is the power of all
+        residuals times (mean square of the residuals in the interval / mean square of all
+        residuals). The mean of the ratios would be misleading: a model that is right on a
+        motorway and 15 % off in a hairpin is not 5 % off.
     count
         Effective number of intervals, the sum of signal^2 / (signal^2 + floor^2): an
         interval counts as 1 if its signal is much larger than the floor, and as 0 if it

@@ -17,10 +17,10 @@ integral of e, is the difference in the speed of the car. (m v/C) e is the diffe
 the slip speed of the wheels that the additional force m e causes. So y is a difference in
 wheel speeds. A direct comparison of accelerations would be biased: wheel speeds are
 inputs, so the simulated acceleration contains the derivative of their noise. Too soft
-tyres and too large wheel latencies would average this noise, and a car with them would
-fit accel_x better than the true car. C is computed at the prior mean and stays constant
-in the fit. If it were an unknown, the fit could reduce the residuals by changing their
-definition.
+tyres and too large wheel latencies would average this noise. So a car with
+these errors would fit accel_x better than the true car. C is computed at the prior mean and stays
+constant in the fit. If C were an unknown, the fit could reduce the residuals by changing
+their definition.
 
 The simulation subtracts the mean latency of the wheels from the latencies of the wheels
 and of accel_x. So the fit estimates how much later accel_x is than the wheels. The
@@ -88,7 +88,9 @@ SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared v
 # while the car stands
 MIN_SLIP_SPEED = 5.0
 MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
-MIN_BLOCK_FILL = 0.5  # a block is not used if it has fewer values than this share of the median number
+# A block of a channel is used if it has more values than this share of the median number
+# of values in the blocks of this channel that are not empty
+MIN_BLOCK_FILL = 0.5
 # Lower limit of the ratio: rms of the model error / rms of the signal, for accel_y and
 # yaw_rate. The ratio is 1.1 .. 4 % for the cars of tests/cars, and 2.7 .. 5 % for real
 # cars. accel_x has no such limit: with it, the weight of accel_x would be too small to
@@ -240,7 +242,9 @@ class CarProblem:
         return np.where(there > 0, place, np.nan)[self._together[g]].mean(axis=1)
 
     def get_step(self, g: int) -> float:
-        """Return the median time [s] between the residuals of a group."""
+        """Return the median time [s] between the residuals of a group. If there is only
+        one residual, return BLOCK_TIME.
+        """
         return float(np.median(np.diff(self.time[g]))) if len(self.time[g]) > 1 else BLOCK_TIME
 
     def compute_noise(self, g: int) -> float:
@@ -445,7 +449,9 @@ class CarProblem:
                     if k < self.car or k - self.car == i:
                         tables[g][:, k] = (changed[g] - base[g]) / by[k]
 
-        with ThreadPoolExecutor(self.jobs) as pool:  # in parallel: the library releases Python's lock
+        # Threads run in parallel here, because the library releases Python's global
+        # interpreter lock while it simulates.
+        with ThreadPoolExecutor(self.jobs) as pool:
             list(pool.map(run, runs))
         return tables
 
@@ -482,7 +488,9 @@ class CarProblem:
     # ---- slow part of residuals
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return residuals of a group with the moving rms of the measured channel."""
+        """Return residuals of a group, with the moving rms of the measured channel over
+        ACTIVE_TIME.
+        """
         level = self.transform_difference(g, self._measured[g])
         square = compute_moving_average(level**2, max(1, round(ACTIVE_TIME / BLOCK_TIME)))
         return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)

@@ -1,6 +1,8 @@
-"""Compute the rms of the residuals in three stages, in the units of the channels: with
-the vehicle file, after a calibration of the parameters that every car has, and with the
-named effects.
+"""Compute the rms of the residuals of each channel, in the unit of the channel, in three
+stages: with the vehicle file, after a calibration of the parameters that every car has,
+and with the named effects. Named effects are those that the search (infer/naming.py)
+reports as missing in the vehicle file. The last stage also has the estimated roads and,
+if a formula is proposed, the formula.
 """
 
 from __future__ import annotations

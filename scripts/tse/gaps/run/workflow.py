@@ -1,6 +1,7 @@
 """`tselab gap`: find where simulation and logs disagree, name the effects that the
-vehicle file lacks, search for a formula if residuals above the sensor noise remain, and
-describe the result.
+vehicle file lacks, and describe the result. If residuals above the sensor noise remain,
+search for a formula that explains them. The formula is added to a quantity of the model,
+such as the yaw moment.
 """
 
 from __future__ import annotations
@@ -76,12 +77,12 @@ class Found:
 
     @property
     def final(self) -> Fit:
-        """The fit with the named effects and the formula."""
+        """The fit with the named effects and, if a formula is proposed, the formula."""
         return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
 
     @property
     def after(self) -> dict[Key, float]:
-        """Values to simulate the improved car with: parameters and formula settings."""
+        """Fitted values for a simulation with named effects and, if any, the formula."""
         return dict(self.final.values) | (self.formula.settings() if self.formula else {})
 
 
@@ -100,8 +101,8 @@ class GapResult(Found):
     # models of the car (stages.py), in the unit of the channel
     stages: dict[str, dict[str, Stage]]
     conditions: list[where.Condition]  # conditions of driving with large residuals
-    # places of the model (where.PLACES) with the evidence for a disturbance there, the
-    # best place first
+    # places at which a disturbance may act in the model, such as the front axle
+    # (where.PLACES), with the evidence for it; the most likely place comes first
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]  # remaining errors of the fitted logs
     elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
@@ -114,8 +115,8 @@ class GapResult(Found):
     # named effects are left out, because the logs cannot distinguish them from the named
     # effects.
     undetectable: list[detect.Detectable]
-    # For every effect that is not named, the smallest size at which it would be visible,
-    # also if this is below its typical size. `undetectable` has only those above it.
+    # The smallest visible size of every effect of the catalogue that is not named, also
+    # if it is below the typical size of the effect
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     # the held-out logs. If a held-out log was driven on a road of the fitted logs, it has
@@ -225,7 +226,10 @@ def run_workflow(
     held = Problem([remove_latencies(log, config) for log in ready_held], config, jobs) if others else None
     said = [n for p in (level, held) if p is not None for n in p.notes]
     if not level.logs:
-        raise UserError("; ".join(said) or "no log can be compared")
+        raise UserError(
+            "; ".join(said)
+            or "no log can be compared with a simulation: give one with at least 3 s of driving above 3 m/s"
+        )
     held = held if held is not None and held.logs else None
     say("fitting the parameters of the car and the profiles of the roads")
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
@@ -276,7 +280,7 @@ def run_workflow(
             discovery=found.discovery and search.refit_on_all(problem, naming.final, found.discovery),
         )
 
-    if found.formula:  # the vehicle file gets effect sizes that were fitted together with the formula
+    if found.formula:  # report the effect sizes from the fit with the formula
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
     changes: dict[str, ChannelChange] = {}
@@ -331,8 +335,8 @@ def run_workflow(
 def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
     """Return whether the gap is smaller on the estimated roads than on level roads.
 
-    The gap is the sum of squared residuals minus the sum expected from sensor noise. Here
-    it is the gap of a car without effects, whose stiffness is fitted. `problem` has the
+    The gap is the sum of squared residuals minus the sum expected from sensor noise. Both
+    gaps are those of a car with fitted stiffness and without effects. `problem` has the
     estimated roads, `level` the level roads. `baseline` is the fit of `level`.
     """
     return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
@@ -371,7 +375,8 @@ def place_on_roads(
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """Return whether the named effects leave an error above the noise in the held-out
-    logs: in a channel, the ratio of residual rms to sensor noise exceeds NOISE_LIMIT.
+    logs: in at least one channel, the ratio of residual rms to sensor noise exceeds
+    NOISE_LIMIT. False if there are no held-out logs or no named effects.
 
     For example, several named effects together may imitate an effect that is not in the
     catalogue. Then they explain the fitted logs, but not the held-out logs.
@@ -475,9 +480,11 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return the corrections of bus and IMU that follow from the named effects whose
-    cause is not the car (Named.message): the latencies of channels, if they differ from
-    the vehicle file, and the low-pass filters of the IMU.
+    """Return the latencies of channels that differ from the vehicle file, and the time
+    constants of the low-pass filters of the IMU.
+
+    They come from named effects whose cause is not in the car, but in late messages or in
+    a filter of the IMU (Named.message). The list is empty if there are no such effects.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -527,7 +534,8 @@ ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
 
 def _describe_road(n: Named, laps: int) -> str:
     """Return the sentence about a road profile: size, number of laps, probability, and
-    the share of the gap that the profile closes.
+    the share of the gap that the profile closes. The gap is the sum of squared residuals
+    minus the sum expected from sensor noise.
     """
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
@@ -546,8 +554,9 @@ def _describe_road(n: Named, laps: int) -> str:
 
 
 def _describe_name(n: Named, laps: int = 1) -> str:
-    """Return the sentence about a named effect: size, probability, share of the gap that
-    the effect closes, and look-alikes, i.e. effects that may be missing in its place.
+    """Return the sentence about a named effect: size, probability, share of the gap (see
+    closes_part()) that the effect closes, and look-alikes. Look-alikes are effects that
+    could explain the logs instead of the named effect.
     """
     if n.effect.id in PROFILES:
         return _describe_road(n, laps)
@@ -574,7 +583,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
 
 def _describe_axle_friction(n: Named) -> str:
     """Return the friction of each axle as part of a sentence; an empty string if both
-    axles have the same friction.
+    axles have the same friction, or if the effect does not limit the friction.
     """
     inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
     if not inverse or not balance:
