@@ -70,8 +70,8 @@ class PreparedLog:
     notes: list[str] = field(default_factory=list)
     # for channels whose noise was raised to a lower limit: ratio of original to raised sd
     quiet: dict[str, float] = field(default_factory=dict)
-    # [s] for channels that repeat their samples: mean time since the last new sample, over
-    # all rows with a value (_compute_age())
+    # [s] for channels that repeat their samples: mean time since the last new sample,
+    # over all rows with a value (_compute_age())
     held: dict[str, float] = field(default_factory=dict)
     wheel_noise: float = 0.0  # [rad/s] rms of the part of wheel speeds that smoothing removed
     # [s] Latency of measured channels relative to the gyro. simulate() delays the

@@ -17,8 +17,8 @@ integral of e, is the difference in the speed of the car. (m v/C) e is the diffe
 the slip speed of the wheels that the additional force m e causes. So y is a difference in
 wheel speeds. A direct comparison of accelerations would be biased: wheel speeds are
 inputs, so the simulated acceleration contains the derivative of their noise. Too soft
-tyres and too large wheel latencies would average this noise. So a car with
-these errors would fit accel_x better than the true car. C is computed at the prior mean and stays
+tyres and too large wheel latencies would average this noise. So a car with these errors
+would fit accel_x better than the true car. C is computed at the prior mean and stays
 constant in the fit. If C were an unknown, the fit could reduce the residuals by changing
 their definition.
 
