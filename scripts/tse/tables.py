@@ -111,7 +111,7 @@ class Term:
 
 
 def build() -> LibraryBuild:
-    """Return version, number format and capacity of the C library."""
+    """Return version, number format and max number of particles of the C library."""
     lib = library()
     return LibraryBuild(lib.version, lib.format, lib.capacity)
 

@@ -91,9 +91,12 @@ def calibrate(
     velocity (columns ins_vel_x, ins_vel_y, gnss_speed), the fit uses this velocity, too.
 
     These logs determine a parameter if its posterior sd is clearly smaller than its prior
-    sd. Every other parameter is listed. It stays near its prior mean with a large sd,
-    which widens the intervals of later estimates. The last lines name the measurement
-    that would shorten the intervals of the cornering stiffnesses most.
+    sd. Every other parameter stays near its prior mean with a large sd, which widens the
+    intervals of later estimates. The output states the number of these parameters,
+    --verbose lists them. The output also names the drive or measurement that would narrow
+    the intervals of the cornering stiffnesses most.
+
+    With --hold-out, the calibrated car is validated on logs that the fit does not use.
 
     Half an hour of driving with bends and some braking is a good start. A second
     calibration, with --vehicle calibrated.toml and other logs, starts from the result of

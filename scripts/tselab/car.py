@@ -131,8 +131,9 @@ class FormulaCommand(click.Command):
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """Check a formula: an effect of your own, which 'tselab gap catalogue' does not list.
 
-    The value of a formula is added to a quantity of the model, the place of the formula,
-    such as the slip angle of the front axle (front_angle) or the yaw moment.
+    The value of a formula is added to a quantity of the model, such as the slip angle of
+    the front axle (front_angle) or the yaw moment. This quantity is called the place of
+    the formula.
 
     \b
     tselab formula gap/formula.toml
@@ -149,10 +150,10 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     value = 0.003
     unit = "rad"
 
-    The lines [formula] file = "play.toml" in a vehicle file of the same folder add the
-    formula to simulator, estimator and 'tselab gap'. Below are all places, signals and
-    functions. In the text of a function, x is its first argument, y its second and z its
-    third.
+    Two lines in a vehicle file of the same folder, [formula] and file = "play.toml", add
+    the formula to simulator, estimator and 'tselab gap'. Below are all places, signals
+    and functions. In the text of a function, x is its first argument, y its second and z
+    its third.
     """
     import tse
     from tse import tables

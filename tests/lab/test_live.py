@@ -265,7 +265,7 @@ def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip)
         live.work(0.05)
     live.close()
     said = [text for _, text in live.said]
-    assert any("the bus failed (Network is down [Error Code 100]): the drive goes on" in s for s in said)
+    assert any("the bus failed (Network is down [Error Code 100]): tselab tries" in s for s in said)
     assert "the bus is open again" in said
     assert live.drive.rows > 1900
 
@@ -561,5 +561,5 @@ def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path
     sender = Sender("full", trip[:3000])
     drive_live(live, sender, 1.5)
     monkeypatch.undo()
-    assert any("No space left on device): the drive goes on" in text for _, text in live.said)
+    assert any("No space left on device): the filter goes on" in text for _, text in live.said)
     assert live.drive.rows > 900

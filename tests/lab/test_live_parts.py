@@ -178,7 +178,7 @@ def test_a_bus_that_fails_is_closed_and_opened_again_after_a_second(monkeypatch)
     reader.run()
     assert len(used) == 3 and first.closed == 1 and second.closed == 0 and waits == [1.0, 1.0]
     assert len(said) == 2 and said[1] == "the bus is open again"
-    assert said[0].startswith(f"the bus failed ({'x' * 120}): the drive goes on")
+    assert said[0].startswith(f"the bus failed ({'x' * 120}): tselab tries")
     assert reader.count == 1
     reader.stop()
     assert second.closed == 1

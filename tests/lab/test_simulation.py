@@ -381,7 +381,7 @@ def test_a_late_steering_angle_is_read_where_it_acted_and_a_late_gyro_is_simulat
 
 @pytest.mark.parametrize("name", ["steer_angle", "wheel_speed_rear"])
 def test_a_replay_needs_every_input(name):
-    with pytest.raises(UserError, match=f"{name} is missing"):
+    with pytest.raises(UserError, match=f"the log has no values of {name}"):
         along.simulate_along(make_log(0.1, **{name: np.full(10, np.nan)}), Config.exact(CAR))
     hole = np.where(np.arange(10) == 4, np.nan, 50.0 if "wheel" in name else 0.0)
     table = along.simulate_along(make_log(0.1, **{name: hole}), Config.exact(CAR))

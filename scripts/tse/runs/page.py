@@ -21,7 +21,8 @@ from tse.runs.run import group_by_car
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-# Max number of cars whose trend is drawn. Cars with the smallest stiffness come first
+# Max number of cars whose trend is drawn. If more cars have a trend, those with the
+# smallest stiffness are drawn
 MAX_TRENDS = 12
 MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all logs
 
@@ -62,10 +63,10 @@ class Car:
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """Key that sorts the cars into the order of the page. Cars with a known cornering
-        stiffness come first, sorted by the smaller one of the axles. Cars of which only
-        the longitudinal stiffness is known come next, sorted by it, and cars without a
-        known stiffness come last."""
+        """Key that sorts the cars into the order of the page: cars with a known cornering
+        stiffness, sorted by the smaller of the front and the rear cornering stiffness;
+        then cars of which only the longitudinal stiffness is known, sorted by this
+        stiffness; then cars without a known stiffness."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -183,8 +184,9 @@ def draw_distribution(all_cars: Sequence[Car]) -> Figure:
 
 def draw_trend(car: Car, table: pd.DataFrame) -> Figure:
     """Return a figure of the usable stiffnesses of a car over time. Each point is the
-    estimate for one stretch of road, i.e. for the part of a drive from one detected
-    change of the stiffness to the next.
+    estimate for one stretch of road, drawn at the time when the stretch ends. A stretch
+    is a part of a drive. Its limits are the detected changes of the stiffness, and the
+    start and end of the drive.
 
     `table`: rows of all cars, with the columns FLEET_COLUMNS."""
     figure = Figure(PANELS, [220, 160])

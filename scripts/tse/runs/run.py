@@ -34,7 +34,7 @@ class FleetPlan:
     settings: dict[str, float] = field(default_factory=dict)
     learn: bool = True  # whether each drive starts from the learnt state of the previous one
     reports: bool = True  # whether a report (HTML page) is written for each log
-    estimates: bool = False  # whether the estimates of every row are written for each log
+    estimates: bool = False  # whether the estimates for each row of a log are written to a file
     calibrate: bool = True  # whether an uncalibrated car is calibrated on its first logs
 
 
@@ -130,8 +130,9 @@ class _Chain:
     def find_next(self, keep: Any) -> Task | None:
         """Return the task of the next log that has to run, or None if no log has to run.
 
-        A log is skipped if it has an error, or if its outcome is stored from an earlier
-        call. `keep`: called with the outcome (Done) of each log that is skipped."""
+        A log is skipped if Drive.error says why it cannot be estimated, if it has no
+        vehicle file, or if its outcome is stored from an earlier call. `keep`: called
+        with the outcome (Done) of each log that is skipped."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:
@@ -197,7 +198,8 @@ class _Chain:
 
 
 def _resolve_path(path: Path | None) -> Any:
-    """Return an absolute path, because workers may run in a different folder."""
+    """Return `path` as an absolute path, because workers may run in a different folder.
+    Return None if `path` is None."""
     return resolve_path(path) if path is not None else None
 
 

@@ -58,9 +58,11 @@ class Prepared:
     config: Config
     notes: list[str]  # sentences of all checks; `warnings` and `doubts` are among them
     warnings: list[str]  # contradictions between channels; if there is any, no row is valid
-    # possible contradictions, which become warnings if the estimates show a contradiction
+    # possible contradictions, between channels or between log and vehicle file. All of
+    # them become warnings if the estimates show any contradiction between channels
     doubts: list[str] = field(default_factory=list)
-    own: OwnCalibration | None = None  # result of the calibration on the log itself
+    # result of calibrating the car on the log itself; None: no calibration was tried
+    own: OwnCalibration | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ class Calibrate:
     say: Callable[[str], None] = lambda _: None  # called with a sentence about the current step
     others: Sequence[CheckedLog] = ()  # further logs of the same car
     # what happens after Ctrl-C during the calibration. True: the log is estimated with
-    # the values of an ordinary car. False: KeyboardInterrupt is raised
+    # parameters that are typical of cars with the same mass and axle distances. False:
+    # KeyboardInterrupt is raised
     goes_on: bool = False
 
 
@@ -212,7 +215,9 @@ class Run:
     findings: list[Finding]
     notes: list[str]  # sentences from the preparation and from the run
     reported: bool  # whether the report was written
-    started_from: str | None = None  # sentence about the learnt state at the start, with its age
+    # path and age of the learnt state from which the filter started; None: the filter
+    # started without a learnt state
+    started_from: str | None = None
 
 
 def run_prepared(

@@ -41,12 +41,14 @@ class Task:
     average: float | None
     form: str
     settings: Mapping[str, float]
-    learnt: bytes | None  # learnt state after the previous drive of the car
+    learnt: bytes | None  # learnt state after the previous drive of the car; None: there is none
     age: float  # [s] time from the end of the previous drive to the start of this one
     report: bool  # whether a report (HTML page) is written
     estimates: Path | None  # file for the estimates of every row; None: they are not written
     calibrate: bool  # whether an uncalibrated car is calibrated on this log and on `others`
-    others: tuple[tuple[Path, Path | None], ...]  # further logs of the car, and their signals
+    # further logs of the car, each with the file that assigns its signals to channels;
+    # None: the log has no such file
+    others: tuple[tuple[Path, Path | None], ...]
     code: tuple[str, str]  # read_code_version() in the process that sends the task to the worker
 
 
@@ -62,7 +64,9 @@ class Outcome:
     learnt: bytes | None = None  # learnt state after this drive
     report: bytes | None = None  # content of the report (HTML page); None: none was written
     seconds: float = 0.0  # [s] duration of the log
-    code: int = 4  # exit code, from results.choose_exit_code(): whether the log is usable
+    # exit code, from results.choose_exit_code(). 0: all stiffnesses are usable; 3: they
+    # are usable in part; 4: none is usable
+    code: int = 4
     notes: list[str] = field(default_factory=list)
     # text of the vehicle file that was calibrated on this log; empty: there was no
     # calibration

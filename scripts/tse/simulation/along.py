@@ -64,7 +64,7 @@ def simulate_along(log: CheckedLog, config: Config) -> pd.DataFrame:
     inputs = {c: log.data[c].to_numpy(float) for c in DRIVES}
     for c, x in inputs.items():
         if not np.isfinite(x).any():
-            raise UserError(f"{c} is missing: it is an input of the model")
+            raise UserError(f"the log has no values of {c}: the simulation needs this channel as an input")
     inputs = {c: _shift_channel(log.time, fill_gaps(x), late[c]) for c, x in inputs.items()}
     config, road = _derive_road(log, config, inputs)
     simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs, **road).run(config)
@@ -140,7 +140,8 @@ def describe_misfit(found: Mapping[str, ModelMisfit]) -> tuple[str, ...]:
 
 
 def list_curves(table: pd.DataFrame) -> list[tuple[str, list[tuple[str, Any, Any]]]]:
-    """Return measured and simulated channels as rows for plots.draw_lines()."""
+    """Return the plots of a figure, for plots.draw_lines(): for each channel one plot
+    with the measured and the simulated values."""
     t = table["time"]
     return [
         (

@@ -1,8 +1,8 @@
 """Make the driver's inputs of a manoeuvre as time histories, a value for each sample.
 
-A manoeuvre has a steering angle, and either wheel torques (open loop, as in the paper) or
-a target speed. A proportional controller in simulate.py follows the target speed by drive
-and brake torques.
+A manoeuvre has a steering angle, and either wheel torques (open loop) or a target speed.
+A proportional controller in simulate.py follows the target speed by drive and brake
+torques.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from tse.library.errors import UserError
 
 @dataclass
 class Maneuver:
-    """Time histories of a manoeuvre, (rows,).
+    """Time histories of a manoeuvre: arrays with a value for each time.
 
     A torque [Nm] is the sum of both wheels of an axle."""
 
@@ -26,11 +26,12 @@ class Maneuver:
     wheel_torque_front: np.ndarray
     wheel_torque_rear: np.ndarray
     road_level: np.ndarray  # factor by which the road multiplies all stiffnesses
-    # [m/s] speed that a controller keeps by its own torques. None: no controller, the
-    # torques given here act
+    # [m/s] speed that a controller follows. The controller computes the wheel and brake
+    # torques; those of this object are not used. None: no controller, the wheel and brake
+    # torques of this object are used
     target_speed: np.ndarray | None = None
-    brake_torque_front: np.ndarray | None = None
-    brake_torque_rear: np.ndarray | None = None
+    brake_torque_front: np.ndarray | None = None  # None: no brake torque
+    brake_torque_rear: np.ndarray | None = None  # None: no brake torque
     # coefficient of friction. If it is 0 in a row, or if this is None, the simulator's
     # settings determine it.
     road_friction: np.ndarray | None = None
@@ -135,7 +136,8 @@ def _make_straight(
 def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s at this speed, 5 s braking, 5 s of rest.
+    """Make cycles of 20 s: accelerate to 12 m/s in 6 s, hold this speed for 4 s, brake to
+    standstill in 5 s, rest for 5 s.
 
     From 5 to 11 s of each cycle the car drives a bend, alternately left and right."""
     cycle = t % 20.0
@@ -218,7 +220,8 @@ def build(
     speed
         [m/s] Speed at the start. None: the default of the manoeuvre.
     amplitude
-        In the unit of the manoeuvre. None: its default.
+        Kind.amplitude_text states quantity and unit, e.g. "steering, rad". None: the
+        default of the manoeuvre.
     road
         Changes of the road surface: a pair (time [s], factor) for each. From this time to
         the next change, all stiffnesses are multiplied by the factor. Before the first

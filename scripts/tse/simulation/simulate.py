@@ -97,7 +97,8 @@ def drive(
         True: show a progress bar.
     road
         Road whose bank and grade at the travelled distance are inputs of the simulator.
-        They are 0 where they are unknown, and beyond the end of the road.
+        Bank and grade are 0 where the road has no value, and beyond the end of the road.
+        None: bank and grade are 0 everywhere.
     """
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
@@ -126,9 +127,9 @@ def _follow_speed(
 ) -> None:
     """Set the drive and brake torques of row i, so that the car follows the target speed.
 
-    The demanded acceleration is that of the target speed, plus a proportional feedback of
-    the speed error. `now`: present speed [m/s]. `front`: share of the front axle in the
-    drive force."""
+    The demanded acceleration is the time derivative of the target speed, plus SPEED_GAIN
+    times the speed error (target minus present speed). `now`: present speed [m/s].
+    `front`: share of the front axle in the drive force."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
@@ -147,11 +148,11 @@ def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
 
 
 def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """Return the contents of TRUTH.csv: the outputs of the simulator that the log does
-    not have, e.g. true velocities and stiffnesses, and those of its inputs that the log
-    does not have: wheel torques, brake torques, and road_level.
+    """Return the contents of TRUTH.csv: quantities of the simulation that the log lacks.
+    These are outputs of the simulator, e.g. true velocities and stiffnesses, and inputs
+    of the simulator: wheel torques, brake torques, and road_level.
 
-    Stiffnesses are in N and N/rad."""
+    Stiffnesses are in N (longitudinal) and N/rad (cornering)."""
     log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):

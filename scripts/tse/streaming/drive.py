@@ -63,8 +63,8 @@ REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
 FOREIGN = 2.0
 SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
 # At intervals, check_car() compares the channels with each other. It finds
-# contradictions, such as a yaw rate with the wrong sign or unit. FIRST_CHECK: [s] time in
-# the record of the first check. CHECKED: [s] time between two checks
+# contradictions, such as a yaw rate with the wrong sign or unit. The first check is made
+# FIRST_CHECK [s] after time 0 of the record. CHECKED: [s] time between two checks
 FIRST_CHECK, CHECKED = 10.0, 20.0
 MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
 # If the user names no signals, propose() searches the received frames for the signal of
@@ -77,9 +77,9 @@ LISTENED, MAX_LISTENED = 20.0, 600.0
 MAX_PIECE_TIME = 0.2
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
 # The filter finds changes of the stiffness, faults of sensors, and sliding.
-# EVENT_SEARCH_TIME: [s] the rows of this last part of the drive are searched for these
-# events. MIN_EVENT_AGE: [s] A change is reported when it began more than this time ago. A
-# fault or sliding is reported if it lasts longer than this
+# EVENT_SEARCH_TIME: [s] length of the last part of the drive that is searched for these
+# events. MIN_EVENT_AGE: [s] min time from the start of a change to its report, and min
+# duration of a fault or sliding that is reported
 EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
@@ -146,7 +146,7 @@ class Reader(threading.Thread):
                     self._bus = self._open()
                     self._say("the bus is open again")
                 message = self._bus.recv(0.2)
-            except Exception as error:  # the type of the error depends on the driver
+            except Exception as error:  # the type of the error depends on the CAN driver
                 self._fail(error)
                 continue
             if message is None:
@@ -155,8 +155,8 @@ class Reader(threading.Thread):
                 self.errors += 1
                 if message.arbitration_id & BUS_OFF and not message.arbitration_id & RESTARTED:
                     self._say(
-                        "the bus is off: the controller has disconnected after too many errors; the drive "
-                        "goes on when the controller reconnects"
+                        "the bus is off: the CAN controller has disconnected after too many errors: check "
+                        "bit rate and wiring; the filter goes on when the controller reconnects"
                     )
                 elif time.monotonic() - said_errors > SAID_AGAIN:
                     said_errors = time.monotonic()
@@ -181,8 +181,8 @@ class Reader(threading.Thread):
         next attempt to open it."""
         if self._bus is not None and not self._ended.is_set():
             self._say(
-                f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on; "
-                "there is an attempt to open the bus again each second"
+                f"the bus failed ({str(error)[:120] or type(error).__name__}): tselab tries "
+                "each second to open the bus again; filter and recording then go on"
             )
         try:
             if self._bus is not None:
@@ -195,7 +195,7 @@ class Reader(threading.Thread):
 
 def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
     """Return a function that opens a bus of python-can. If the bus cannot be opened, that
-    function raises UserError with the message of the driver.
+    function raises UserError with the message of the CAN driver.
 
     `more`: further options of the interface."""
     can = import_optional("can", "can", f"live, interface {interface}")
@@ -203,7 +203,7 @@ def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callabl
     def opened() -> Any:
         try:
             return can.Bus(interface=interface, channel=channel, **more)
-        except Exception as error:  # the type of the error depends on the driver
+        except Exception as error:  # the type of the error depends on the CAN driver
             raise UserError(
                 f"interface {interface}, channel {channel}: cannot be opened: "
                 f"{str(error)[:200] or type(error).__name__}"
@@ -265,8 +265,8 @@ class Record:
         except OSError as error:
             self._failed = True
             self._say(
-                f"{self.folder}: cannot be written ({error.strerror or error}): the drive goes on, but is "
-                "no longer recorded"
+                f"{self.folder}: cannot be written ({error.strerror or error}): the filter goes on, but "
+                "the drive is no longer recorded"
             )
 
     def close(self) -> None:
@@ -318,8 +318,9 @@ class LiveDrive:
     folder : Path or None
         Folder in which the drive is recorded; None: it is not recorded.
     learnt : Learnt, optional
-        State that the filter saved after an earlier drive (stiffness, grip, sensor biases
-        and steering), from which this drive starts.
+        State that the filter saved after an earlier drive, and from which this drive
+        starts: stiffness, grip, sensor biases, and offset, ratio and latency of the
+        steering. None: the filter starts from the settings.
     rate : float, optional
         [Hz] Rate of the rows. By default, the rate of the fastest channel, at most 100.
     say : callable
@@ -351,7 +352,8 @@ class LiveDrive:
         else:
             self._bus = Bus(Path("the bus"), self.databases, ReadOptions())
         if learnt is not None:
-            learnt.load(NativeFilter(config))  # raises if the state is wrong, before the drive begins
+            # raises before the drive begins if the state is damaged or of another vehicle
+            learnt.load(NativeFilter(config))
         self.filter: NativeFilter | None = None
         self._valid = dict.fromkeys(STIFFNESS, 0)  # number of rows in which each stiffness was valid
         self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
@@ -365,7 +367,7 @@ class LiveDrive:
         self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # [s] time of the record = time of the bus - this
+        self._origin = float("nan")  # [s] time of the bus at time 0 of the record
         # rows that are not written yet: times, columns, outputs
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
@@ -397,7 +399,8 @@ class LiveDrive:
 
     @property
     def started_from(self) -> str | None:
-        """Sentence about the learnt state that the drive started from, with its age."""
+        """Path and age of the learnt state from which the filter started, as a string.
+        None: the filter started without a learnt state."""
         return self._learnt.note if self._learnt is not None else None
 
     def _copy_inputs(self) -> None:
@@ -496,9 +499,8 @@ class LiveDrive:
 
     def _count(self) -> tuple[int, dict[int, int]]:
         """Return the number of frames whose identifier is in a database, and for each
-        other identifier the number of its frames. The stream counts both as soon as there
-        is one. This function is used before that, while the signals of the channels are
-        not known."""
+        other identifier the number of its frames. Only used while the signals of the
+        channels are not known. Afterwards, self.stream exists and counts the frames."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
@@ -702,8 +704,8 @@ class LiveDrive:
             self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
 
     def table(self) -> pd.DataFrame:
-        """Return the columns listed in SUMMARY of all written rows or, for a long drive,
-        of every `_stride`-th row."""
+        """Return all written rows or, for a long drive, every `_stride`-th written row,
+        with the columns listed in SUMMARY."""
         frames = [pd.DataFrame(x) for x in self._table]
         nothing = make_block(np.zeros(0), self._make_no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
@@ -903,8 +905,9 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint for the first channel in `missing`, to append to a message: the
-    signal whose name and unit resemble those of the channel most, and why it was
-    rejected. If no signal resembles the channel, the hint states this."""
+    """Return a hint for the first channel in `missing`, to append to a message. The hint
+    names the signal whose name and unit fit the channel best, and says why this signal
+    was not proposed; or it says that no signal fits. Return "" if `proposal` has no
+    hint."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (most similar signal: {said[0]})" if said else ""
