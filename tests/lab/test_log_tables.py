@@ -779,6 +779,8 @@ def test_columns_of_the_receiver_are_in_degrees_and_missing_without_enough_satel
         (["s", "km/h", "g", "deg/s"], [], ["", "km/h", "g", "deg/s"]),  # one for each column
         (["g", "(null)"], [], ["", "km/h", "g", ""]),
         (["g", "deg/s", "", ""], [], ["", "km/h", "g", "deg/s"]),  # blank lines at the end
+        (["s", "km/h", "g", ""], [], ["", "km/h", "g", ""]),  # yaw has no unit
+        (["s", "km/h", "g", "", ""], [], ["", "km/h", "g", ""]),
         (["g", ""], [], ["", "km/h", "g", ""]),
         (["deg/s", ""], ["x"], ["", "km/h", "deg/s", ""]),
         ([], ["time", "velocity mph", "ax (g)", "yaw_deg"], ["", "mph", "g", "deg"]),
@@ -1141,6 +1143,19 @@ def test_a_record_of_a_bag_has_a_kind_fields_and_data():
         read_rosbag._read_record(io.BytesIO(record[:-1]))
     for method, packed in ((b"none", b"abc"), (b"bz2", bz2.compress(b"abc"))):
         assert read_rosbag._unpack_chunk(method, packed) == b"abc"
+
+
+@pytest.mark.parametrize("method", ["bz2", "lz4"])
+def test_a_chunk_of_a_bag_is_unpacked_up_to_the_limit_only(method, monkeypatch):
+    frame = pytest.importorskip("lz4.frame", reason="lz4 is not installed: scripts/setup.sh logs")
+    packed = (bz2 if method == "bz2" else frame).compress(bytes(100_000))
+    assert len(read_rosbag._unpack_chunk(method.encode(), packed)) == 100_000
+    monkeypatch.setattr(read_rosbag, "MAX_RECORD_BYTES", 1000)
+    monkeypatch.setattr(read_rosbag, "len", lambda x: sizes.append(len(x)) or len(x), raising=False)
+    sizes = []
+    with pytest.raises(ValueError, match="larger than 1 GB"):
+        read_rosbag._unpack_chunk(method.encode(), packed)
+    assert sizes == [1000]
 
 
 @pytest.mark.parametrize(("at", "closed"), [(0, False), (60, True), (10_000, False)])

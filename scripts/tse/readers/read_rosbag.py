@@ -58,10 +58,10 @@ def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
     if compression == b"none":
         return data
     if compression == b"bz2":
-        work = bz2.BZ2Decompressor()
-        plain = work.decompress(data, MAX_RECORD_BYTES)
+        work: Any = bz2.BZ2Decompressor()
     else:
-        plain = import_optional("lz4.frame", "ros", "the bag").decompress(data)
+        work = import_optional("lz4.frame", "ros", "the bag").LZ4FrameDecompressor()
+    plain = work.decompress(data, MAX_RECORD_BYTES)
     if len(plain) >= MAX_RECORD_BYTES:
         raise ValueError("a chunk is larger than 1 GB")
     return plain

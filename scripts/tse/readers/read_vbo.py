@@ -167,15 +167,18 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     receiver is ignored. If a column has no unit then, its unit is searched in its title
     and in its name.
 
-    A blank line either belongs to a column without unit or only ends the section. So, if
-    the section has more lines than there are columns besides the receiver's, blank lines
-    at its end are removed first, until it has as many. If it has fewer lines, one blank
-    line at its end is removed."""
+    A blank line either belongs to a column without unit or only ends the section. The
+    section has a line for each column if the line of the time states seconds or nothing.
+    Otherwise it has a line for each column besides the receiver's. If there are more
+    lines than that, the blank ones at the end are removed. If there are fewer, one blank
+    line at the end is removed."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
-    while said and not said[-1] and len(said) > len(others):
+    has_all = len(said) >= len(names) and "time" in short and said[short.index("time")] in ("", "s")
+    complete = len(names) if has_all else len(others)
+    while said and not said[-1] and len(said) > complete:
         said.pop()
-    if said and not said[-1] and len(said) < len(others):
+    if said and not said[-1] and len(said) < complete:
         said.pop()  # a blank line that only ends the section
     units = [RECEIVER_UNITS.get(s, "") for s in short]
     if said:
