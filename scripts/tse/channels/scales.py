@@ -1,9 +1,9 @@
-"""Find the units of all channels together.
+"""Find the units of the wheel speeds, the yaw rate and the accelerations.
 
-Every combination of possible units has a cost. It measures how far the signals in these
-units deviate from the kinematic relations, and whether the units contradict those that
-the log or the names state. The combination of min cost is returned. A role is a quantity
-that a signal may measure.
+Each combination of units has a cost. The cost grows with the deviations of the signals
+from the kinematic relations, e.g. a_y = v r, and with each unit that contradicts the unit
+stated in the log or in the name of the signal. The combination of least cost is returned.
+A role is a quantity that a signal may measure, e.g. yaw_rate.
 """
 
 import re
@@ -35,18 +35,18 @@ UNIT_OPTIONS = {
 # [m] wheel radius of passenger cars, and [1] sd of its logarithm, used if no car is given
 USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # [m] wheelbase of passenger cars, used if no car is given
-# Costs of units. They are added to the costs of the kinematic relations, each of which is
-# (deviation / sd)^2.
+# Costs of units. The cost of a combination of units is the sum of the costs of its units,
+# plus (deviation / sd)^2 of each kinematic relation.
 LOG_UNIT_COST = 6.0  # cost of a unit other than the one stated in the log
 NAME_UNIT_COST = 3.0  # cost of a unit other than the one at the end of the signal's name
 # Cost of each unit of UNIT_OPTIONS except the first one, if neither log nor name states a
-# unit. The first unit, that of the library, has no cost.
+# unit. The first unit has no cost.
 OTHER_UNIT_COST = 0.5
 MAX_EQUATION_COST = 16.0  # max cost of one kinematic relation, without FAR_COST
-# If the deviation from a kinematic relation is so large that its cost is limited, the
-# cost is MAX_EQUATION_COST + FAR_COST x |deviation| / sd. Because of the second term, the
-# combination of units with the smallest deviations has the lowest cost, even if all
-# combinations exceed MAX_EQUATION_COST.
+# The cost of a kinematic relation is min(e^2, MAX_EQUATION_COST + FAR_COST x |e|), with
+# e = deviation / sd. FAR_COST makes the cost grow with |e| even above MAX_EQUATION_COST.
+# So the units with the smallest deviations win even if the deviations of all units are
+# large.
 FAR_COST = 0.1
 MOTION_COST = 25.0  # cost of a unit with which the motion exceeds MAX_MOTION
 # limits of the motion of road cars: [rad/s] yaw_rate, [m/s2] accel_y and accel_x, [m/s]
@@ -60,10 +60,12 @@ class UnitScale:
 
     unit: dict[str, str]  # role (wheel, yaw_rate, accel_y, accel_x) -> unit
     per: dict[str, float]  # role -> factor from this unit to SI; role wheel: to m/s
-    # Name -> ratio of signals, with the units above converted to SI units. v: mean of the
-    # wheel speeds [m/s], r: yaw rate. "accel_y": a_y / (v r). "accel_x": a_x / (dv/dt).
-    # "track": [m] (right - left wheel speed [m/s]) / r. "speed": logged speed over
-    # ground / v.
+    # Name -> magnitude of a ratio of signals in SI units. v: mean wheel speed [m/s], r:
+    # yaw rate [rad/s].
+    #   "accel_y": a_y / (v r)
+    #   "accel_x": a_x / (dv/dt)
+    #   "track": [m] (right - left wheel speed [m/s]) / r
+    #   "speed": logged speed over ground [m/s] / v
     figures: dict[str, float]
 
 
@@ -165,14 +167,16 @@ def _convert_unit(role: str, unit: str, car: Any | None) -> float:
 def measure_slopes(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
 ) -> dict[str, float]:
-    """Fit the kinematic relations to the signals as logged.
+    """Fit the kinematic relations to the signals in their logged units.
 
-    Return a dict. "accel_y", "accel_x", "track", "speed": magnitudes of the ratios of
-    UnitScale.figures, but in the units of the log. A ratio is left out if its numerator
-    and denominator correlate badly. "accel_y_corr", "accel_x_corr", "track_corr":
-    correlation of numerator and denominator. "course_corr": result of
-    _correlate_course(). "top": 99 % quantile of |v|, taken as the top speed. `v`: speed
-    of the car in any unit."""
+    `v`: speed of the car in any unit. The result is a dict, empty if `v` is None:
+      - "accel_y", "accel_x", "track", "speed": ratios as in UnitScale.figures, but in the
+        logged units. A ratio is left out if its numerator and denominator correlate by
+        less than MIN_PROOF_CORR ("accel_x": 0.8, "speed": 0.98)
+      - "accel_y_corr", "accel_x_corr", "track_corr": correlation of numerator and
+        denominator of the ratio, with its sign
+      - "course_corr": result of _correlate_course()
+      - "top": 99 % quantile of |v|, taken as the top speed"""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -205,11 +209,12 @@ def measure_slopes(
 
 
 def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
-    """Return the correlation of the yaw rate with the rate of the GNSS course.
+    """Return the correlation of the yaw rate `r` with -d(course)/dt of the GNSS course.
 
-    The course is clockwise from north, so its sign is changed. If the result is positive,
-    the logged yaw rate is positive to the left. If it is negative, the yaw rate is
-    positive to the right. Return 0 if the log has no usable course."""
+    The course increases in right turns, so -d(course)/dt is positive to the left. If the
+    result is positive, the logged yaw rate is positive to the left; if negative, to the
+    right. The course is taken to be in deg. Return 0 if the log has no GNSS course, or if
+    the course changes by less than 1 deg."""
     named = [
         n
         for n in look.raw
@@ -262,11 +267,10 @@ def _compute_cost(
 ) -> tuple[float, dict[str, float]]:
     """Return the cost of a combination of units, and the ratios of UnitScale.figures.
 
-    The cost is the sum of (deviation / sd)^2 over the kinematic relations. The deviation
-    is the logarithm of (ratio / expected ratio). Each term is limited to
-    MAX_EQUATION_COST + FAR_COST x |deviation| / sd. A top speed above 75 m/s or below 3
-    m/s is improbable for a car, and adds 4 to the cost. `facts`: result of
-    measure_slopes(). `unit`, `per`: as in UnitScale."""
+    The cost is the sum of min(e^2, MAX_EQUATION_COST + FAR_COST x |e|) over the kinematic
+    relations, with e = ln(ratio / expected ratio) / sd. A top speed above 75 m/s or below
+    3 m/s is improbable for a car, and adds 4. `facts`: result of measure_slopes().
+    `unit`, `per`: as in UnitScale."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

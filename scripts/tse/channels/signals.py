@@ -31,7 +31,7 @@ NUMBER_RANGES = {  # key -> min, max, unit
     "above": (-1e6, 1e6, ""),
     # delay from a measurement to its time in the log
     "latency": (-MAX_SIGNAL_LATENCY, MAX_SIGNAL_LATENCY, "s"),
-    # time by which the clock of the signal is ahead of the clock of the other signals
+    # time stamp of the signal minus time stamp of the other signals at the same instant
     "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
 MIN_RATIO, MAX_RATIO = 0.5, 100.0  # range of the steering ratio
@@ -61,7 +61,7 @@ class SignalSource:
     name: tuple[str, ...]  # name of the signal, or names of left and right wheel
     unit: str | None = None  # None: the unit in the log
     sign: float = 1.0
-    sign_bit: str | None = None  # name of a signal that is 1 if the value is negative
+    sign_bit: str | None = None  # name of a signal; where it is 1, the value is negated
     scale: float = 1.0
     offset: float = 0.0
     # Steering ratio: angle of the steering wheel / angle of the road wheels. It is a
@@ -77,9 +77,11 @@ class SignalSource:
     # Threshold in the unit of the signal. The channel is 1 if the signal exceeds the
     # threshold, otherwise 0. None: no threshold.
     above: float | None = None
-    # name of a signal that is added: the fine part of a coarse value, in the same unit
+    # Name of a second signal that is added to the first one, in the same unit. Example:
+    # the first one is the angle in steps of 1 deg, the second one its fraction in deg
     add: str | None = None
-    # properties that were guessed but not tested, in words; every run warns of them
+    # Properties of the source that were guessed but not tested, e.g. "the sign"; "":
+    # none. Every run warns of them.
     unsure: str = ""
 
 
@@ -90,13 +92,16 @@ class SignalsFile:
     path: Path | None  # None: there is no file, the log has the library's names
     signals: Mapping[str, SignalSource]  # channel -> its source
     how: ReadOptions = field(default_factory=ReadOptions)  # table [log]: options of reading
-    rate: float | None = None  # [Hz] rate of the rows; None: chosen from the rates of the channels
+    # [Hz] rate of the rows of the result. None: the rows of the log if all channels share
+    # them, otherwise the rate of the fastest channel, at most 100 Hz
+    rate: float | None = None
 
     def wants(self, name: str) -> bool:
         """Return whether any channel is made from the signal `name`, e.g. as its value or
         as its validity flag.
 
-        `name` and the names in signals.toml may be SIGNAL or MESSAGE.SIGNAL."""
+        `name` and the names in signals.toml may be SIGNAL or MESSAGE.SIGNAL. SIGNAL fits
+        the signal of this name in any message."""
         names = {
             n
             for s in self.signals.values()
@@ -111,8 +116,8 @@ class SignalsFile:
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
 ) -> tuple[SignalsFile | None, ReadOptions]:
-    """Return the signals.toml of a log (None if it has no such file), and the options of
-    reading.
+    """Return the signals.toml of a log (None: no such file), and the options with which
+    to read the log.
 
     Parameters
     ----------
@@ -142,7 +147,7 @@ def list_channels() -> list[str]:
 
 
 def find_unit(channel: str) -> str:
-    """Return the SI unit of a channel."""
+    """Return the SI unit of a channel; "" for ref_* and for unknown channels."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
     if axle in OPTIONAL_COLUMNS:
         return OPTIONAL_COLUMNS[axle][0]
@@ -162,7 +167,8 @@ def read_signals(path: Path) -> SignalsFile:
     text = path.read_text(encoding="utf-8-sig")
 
     def refuse(table: str, key: str, message: str) -> UserError:
-        """Return the error about a key of a table, with its line."""
+        """Return the error about a key of a table, with file and line. `key` "": the
+        error is about the table itself."""
         return UserError(
             f"{path}: {_find_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}"
         )
@@ -227,7 +233,8 @@ def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
 
 
 def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
-    """Check the table [log]; return its options, and the rate of the rows, Hz."""
+    """Check the table [log]. Return its options of reading, and the rate of the rows, Hz
+    (None: not stated)."""
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
@@ -356,7 +363,8 @@ def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> st
 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
-    """Check the key `ratio`; return the steering ratio, or a table of (angle, ratio)."""
+    """Check the key `ratio`. Return the steering ratio, or pairs (angle of the steering
+    wheel in the unit of the signal, steering ratio)."""
     if not isinstance(value, list):
         return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):

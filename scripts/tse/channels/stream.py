@@ -1,9 +1,9 @@
 """Convert the frames of a bus to rows while they arrive.
 
-Signals, flags, units and resampling are the same as for a log. An entry is a value of a
-signal with its time. A row is interpolated between an earlier and a later entry of each
-channel. It is returned when the later entries have arrived, or at the latest after a
-limited wait.
+Signals, validity flags, units and resampling are treated as for a log. An entry is a
+value of a signal with its time. The values of a row are interpolated between entries
+before and after the row. So a row is returned when each channel has an entry after it, or
+after a limited wait.
 """
 
 from __future__ import annotations
@@ -42,26 +42,27 @@ from tse.readers.recording import Channel, Recording
 # MIN_KEPT entries. These entries suffice to interpolate the signal by a spline, and to
 # find repeated counters and held values.
 KEPT_TIME, MIN_KEPT = 2.0, 64
-# [s] time after the first needed frame at which the rates of the channels are determined.
-# From these, the rate of the rows is chosen if it is not stated, and the rows begin.
+# [s] The first rows are made this long after the first frame with a signal of
+# signals.toml. By then, the rates of the channels are known. If no rate of the rows is
+# stated, it is chosen from these rates.
 LISTEN_TIME = 1.0
 # [s] If a needed channel is missing after LISTEN_TIME, the rows begin when this channel
 # has arrived. If it does not arrive, they begin without it after this time.
 MAX_LISTEN_TIME = 3.0
-# A row is returned when each channel has an entry after the row. It waits for a channel
-# without such an entry until WAIT_STEPS median steps of this channel, plus WAIT_TIME [s],
-# plus the latency of the channel have passed since the time of the row.
+# A row is returned when each channel has an entry after the row. For a channel that has
+# none yet, the row waits until this much time after the row: WAIT_STEPS median intervals
+# between entries of the channel + WAIT_TIME [s] + latency of the channel.
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
-# A channel is silent if its last entry is older than SILENT_STEPS of its median steps and
-# older than MIN_SILENCE [s]. Rows do not wait for a silent channel.
+# A channel is silent if no entry has arrived for SILENT_STEPS median intervals between
+# its entries and for MIN_SILENCE [s]. Rows do not wait for a silent channel.
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# [entries] The spline uses only this many of the last entries of a channel. The influence
-# of an entry on a cubic spline decays by the factor 0.27 per entry of distance. That of
-# earlier entries is therefore negligible.
+# [entries] The spline uses only this many of the last entries of a channel. Earlier
+# entries hardly influence it: the influence of an entry on a cubic spline decreases by
+# the factor 0.27 per entry of distance.
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # [s] interval at which rates and held values are determined anew
-# [1] A channel is low-passed if its rate exceeds this times the rate of the rows, as in
-# raster.resample().
+# [1] A channel is low-passed if (rate of its entries) / (rate of the rows) exceeds this,
+# as in raster.resample().
 LOW_PASS_RATIO = 1.2
 # [rows] additional time for which a row waits for a low-passed channel, because the low
 # pass needs entries after the row
@@ -81,7 +82,8 @@ class _Signal:
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Delete the older half of the entries if KEPT_TIME and MIN_KEPT permit it."""
+        """Delete the older half of the entries if the other half has more than MIN_KEPT
+        entries and is longer than KEPT_TIME."""
         count = len(self.time)
         if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
@@ -93,8 +95,8 @@ class _Heard:
 
     now: float  # [s] time of the bus
     found: dict[str, Series]  # channel -> its entries
-    # channel -> times and values of its entries, without the values that the bus repeats
-    # until the next measurement (held values)
+    # channel -> times and values of its new measurements: the entries in `found`, without
+    # missing values and without repetitions of the last value (Stream._select_entries())
     own: dict[str, tuple[np.ndarray, np.ndarray]]
     rates: dict[str, float]  # channel -> [Hz] rate of its entries
     core: list[str]  # channels for which is_core() is True
@@ -112,12 +114,14 @@ class Stream:
     car : Vehicle
         Car, with the radii of the wheels.
     rate : float, optional
-        [Hz] Rate of the rows. None: that of the fastest channel, at most 100 Hz.
+        [Hz] Rate of the rows. None: `signals.rate`; if this is None, too, the rate of the
+        fastest channel, at most 100 Hz.
 
     Raises
     ------
     UserError
-        A signal is in none of the databases, or needed channels are missing.
+        A signal is in none of the databases or in several messages. Or steer_angle,
+        all speeds, or both accel_y and yaw_rate are not assigned.
     """
 
     def __init__(self, databases: Sequence[Path], signals: SignalsFile, car: Any, rate: float | None = None):
@@ -154,12 +158,13 @@ class Stream:
         self._given_until: dict[str, float] = {}
         # channel -> (rate [Hz], True if it has no held values), found in the last check
         self._usual: dict[str, tuple[float, bool]] = {}
-        self._looked = -math.inf  # [s] time of the last check of rates and held values
-        self._noted: set[str] = set()  # notes on unknown units that were given
+        self._looked = -math.inf  # [s] time at which `_usual` was last determined
+        self._noted: set[str] = set()  # notes on unknown units that `notes` already has
         self.last: dict[str, float] = {}  # channel -> [s] time of its last value
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
-        """Complete signal names to MESSAGE.SIGNAL; check that no channel is missing."""
+        """Complete signal names to MESSAGE.SIGNAL. Raise UserError if a name is unknown
+        or ambiguous, or if a channel that the filter needs is not assigned."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
@@ -272,7 +277,8 @@ class Stream:
 
     @property
     def time(self) -> float:
-        """Time of the last frame, s."""
+        """Time of the last frame, s; -inf before the first one. If the clock of the bus
+        was set back, the time continues from before the step."""
         return self._last
 
     def _build_series(self) -> dict[str, Series]:
@@ -301,8 +307,10 @@ class Stream:
         return found
 
     def make_rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the rows that are complete at the time `now` [s] of the bus, see
-        _find_row_limit().
+        """Return the rows that have become complete since the last call.
+
+        `now` is the time of the bus, s. A row is complete if each channel has an entry
+        after it or need not be waited for (_find_row_limit()).
 
         Returns
         -------
@@ -329,7 +337,8 @@ class Stream:
         return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
 
     def _receive(self, now: float) -> _Heard:
-        """Return the channels received so far; update the times of their last values."""
+        """Return the channels received so far. Update `last`, the time of each channel's
+        last value."""
         found = self._build_series()
         anew = now > self._looked + CHECK_INTERVAL or set(found) != set(self._usual)
         if anew:
@@ -370,12 +379,13 @@ class Stream:
         return value
 
     def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of the entries that are new measurements, as
-        raster.select_entries() does.
+        """Return times and values of the entries that are new measurements.
 
-        Held values (repetitions of the last measurement) are left out. To save time, they
-        are searched for only if `anew` is True, or if the last search in this channel
-        found some, or if entries are so close together that they may be a burst."""
+        raster.select_entries() leaves out repetitions of the last measurement (held
+        values), and averages entries sent in a burst. It is slow, and therefore called
+        only in three cases: `anew` is True; its last call for this channel left out
+        entries; or two entries are so close together that they may belong to a burst.
+        Otherwise, only missing values are left out."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -389,7 +399,12 @@ class Stream:
     def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
-        """Resample channels that have the same times, as resample() does for one."""
+        """Resample channels whose entries have the same times.
+
+        The channels are interpolated by cubic splines, as resample() does for one
+        channel. One call for all channels is faster. If the entries have a gap,
+        resample() is called for each channel. `own`: as in _Heard. `time`: [s] of the
+        rows. `rate`: [Hz] of the rows."""
         t = own[names[0]][0][-SPLINE_ENTRIES:]
         if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
@@ -425,8 +440,8 @@ class Stream:
         """Return False if the next row must wait for a channel, True if it may be
         complete.
 
-        Most frames complete no row. make_rows() therefore does this fast check before the
-        slower exact one."""
+        Most frames complete no row. For these, this fast check avoids the exact but
+        slower one, _find_row_limit()."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -449,8 +464,9 @@ class Stream:
     def _find_row_limit(self, heard: _Heard) -> float:
         """Return the time up to which rows are complete, s.
 
-        A row is complete if each channel has an entry after the row, or is silent, or has
-        been waited for as long as WAIT_STEPS and WAIT_TIME allow."""
+        A row is complete if each channel has an entry after the row, or is silent, or is
+        no longer waited for (WAIT_STEPS, WAIT_TIME). Return -inf if all channels are
+        silent."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
@@ -480,9 +496,9 @@ class Stream:
     def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
         """Return the columns of the rows, with one speed for each axle.
 
-        Values out of range become NaN. If only one axle has a wheel speed, that of the
-        other axle is computed from it by the ratio of the wheel radii. Slip is then
-        unknown, so the longitudinal stiffness cannot be estimated, and accel_x becomes
+        Values out of range become NaN. If only one axle has a wheel speed, the wheels of
+        the other axle get the same circumferential speed (wheel speed x radius). The slip
+        is then unknown, so accel_x cannot give the longitudinal stiffness, and becomes
         NaN."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:

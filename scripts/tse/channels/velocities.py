@@ -23,10 +23,11 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# The lateral acceleration is dv_y/dt + v r (v_y: lateral velocity, v: speed, r: yaw
-# rate). The sign of a signal of v_y is therefore that of the coefficient in a regression
-# of accel_y - v r on the derivative of the signal. The sign is certain if |coefficient| /
-# sd of the coefficient exceeds this.
+# The lateral velocity v_y fulfils dv_y/dt = a_y - v r (v: speed, r: yaw rate), all
+# positive to the left. So in a regression of accel_y - v r on the derivative of a signal
+# of v_y, the coefficient is positive if the signal is positive to the left, and negative
+# if it is positive to the right. The sign is certain if |coefficient| / (sd of the
+# coefficient) is at least this.
 MIN_SIGN_SDS = 6.0
 # [1] A signal is not taken for a lateral velocity if |signal| / speed exceeds this in
 # more than 2 % of the rows.
@@ -43,16 +44,16 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     guesses : sequence of Guess
         Guesses of the other channels, with unit and sign.
     v : ndarray or None, (rows,)
-        Speed of the wheels, m/s. None: unknown.
+        Mean circumferential speed of the wheels, m/s. None: unknown, nothing is found.
     format_ : str
         Format of the log. In VBOX files, the lateral velocity is positive to the right.
 
     Returns
     -------
     list of Guess
-        Guesses of the velocities that were found. A longitudinal velocity is only
-        accepted if it is about equal to the speed of the wheels, and a lateral velocity
-        only if its sign follows from accel_y - v r or from the format.
+        At most one guess for each velocity. A longitudinal velocity is only accepted if
+        its median ratio to `v` is in 0.85 .. 1.18. A lateral velocity is only accepted if
+        its sign follows from accel_y - v r (MIN_SIGN_SDS) or from the format.
     """
     taken = {n for g in guesses for n in g.name}
     found: list[Guess] = []

@@ -2,9 +2,9 @@
 
 A role is a quantity that a signal may measure. The words are those of manufacturers, ISO
 8855, openpilot and ROS, in English, German, French, Spanish and Italian. The score is 3
-if the words describe exactly the role, 2 if they probably do, 1 if they possibly do, and
-0 if the name has no word of the role. It is below 0 if the name has a word of the role,
-but also a word for a different quantity.
+if the name describes exactly the role, 2 if it probably does, 1 if it possibly does, and
+0 if it does not. If the name describes the role, but also has a word for a different
+quantity, 4 is subtracted: "yaw rate offset" is not a yaw rate, and has a score below 0.
 """
 
 import functools
@@ -128,9 +128,10 @@ NOT_ROLE_WORDS = {
     "longitude": r"acc\w*|g\b|longitudinal|rate|std|sd\b|dist\w*|vel\w*|force|error",
     "heading": r"rate|target|std|acc\w*|rms",
 }
-# Words for quantities other than the motion of the car. A signal with such a name has no
-# role, even if it correlates with the motion by chance. Names with SPEED_WORDS have no
-# role except speed.
+# Words for quantities other than the motion of the car. A signal with such a word gets a
+# role only if its name also describes the role (score 1 or more), even if the signal
+# correlates with the motion by chance. The same holds for SPEED_WORDS and all roles
+# except "speed".
 OTHER_WORDS = re.compile(
     r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|"
     r"temp\w*|press\w*|druck|laps?|runde|fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|"
@@ -176,8 +177,9 @@ NO_WHEEL_WORDS = re.compile(
 
 @functools.lru_cache(maxsize=4096)
 def join_words(name: str) -> str:
-    """Return the words of a signal's name, joined by blanks. The name includes those of
-    its ROS topic or CAN message."""
+    """Return the words of a name in lower case, joined by blanks.
+
+    `name` may be a signal, or MESSAGE.SIGNAL, or a ROS topic with a signal."""
     return " ".join(split_words(name))
 
 
@@ -226,8 +228,8 @@ def find_place(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
-# Patterns for names that are one word, made of the place of a wheel and a quantity:
-# FLwhlspd, LFspeed, whlflspd. OF_A_WHEEL matches the quantity, CORNERS the place.
+# Patterns for names without separators, such as FLwhlspd, LFspeed and whlflspd. CORNERS
+# matches the place of the wheel (fl), OF_A_WHEEL the word after the place (whl, spd).
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",

@@ -118,9 +118,10 @@ def _find_nameless_wheels(look: Look) -> dict[str, str]:
     """Return a dict of four signals that may be wheel speeds: place -> name. Return {} if
     the log has no such signals.
 
-    Their names do not state that they are wheel speeds. But they have the same unit, and
-    their values differ by a few percent only. The places in WHEEL_PLACES are assigned to
-    them in the order of the file. find_sides() corrects these places."""
+    The names of the four signals do not state that they are wheel speeds. But the signals
+    have the same unit, and their values differ by a few percent only. The places are
+    provisional: the first signal in the file gets the first place of WHEEL_PLACES, and so
+    on. find_sides() then finds the left and the right wheels by means of the yaw rate."""
     rolling = [
         n
         for n in look.x
@@ -256,9 +257,9 @@ def find_roles(
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role -> name of its signal, as found in the pass before. For the score by physics,
-        each signal is compared with these signals. In the first pass, `before` is empty,
-        and signals are compared with those that have the best names.
+        Role -> name of its signal, as found by an earlier call; empty in the first call.
+        _score_by_physics() correlates each signal with these signals, in the first call
+        with the signals that have the best names.
 
     Returns
     -------
@@ -385,12 +386,12 @@ def _find_pair(
     ref: Mapping[str, str],
 ) -> dict[str, str]:
     """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y. Return {}
-    if no two signals fit well enough.
+    if the correlation of all pairs is below MIN_PROOF_CORR.
 
     This function is used if no name describes yaw_rate, or if no name describes accel_y.
-    If `ref` has a signal for one of these roles, only the other role is searched for.
-    `taken`: names of signals that have other roles. `said`: role -> name of a signal ->
-    score by name and unit."""
+    If `ref` has a signal for yaw_rate, only accel_y is searched for, and vice versa.
+    `taken`: names of wheel speeds and quaternions, which are not tried. `said`: role ->
+    name of a signal -> score by name and unit."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -495,8 +496,8 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
     """Return the guess of an axle's wheel torque by name and unit; None if no signal
     fits.
 
-    The values are not tested here. agree.py later compares the force torque / wheel
-    radius with mass x accel_x, and warns if they disagree."""
+    The values are not tested here. agree.py later compares (torque / wheel radius) with
+    mass x accel_x, and warns if they disagree."""
     for c in recording:
         name = join_words(c.short)
         named = (

@@ -16,7 +16,7 @@ from tse.estimation.regimes import format_percent
 from tse.estimation.verdict import CONTRADICTED, Finding, Verdict
 from tse.library.core import Config
 
-# stiffness -> first cell of its line in the result of make_answer()
+# stiffness -> start of its line in the answer: axle, and motion in which it is estimated
 WHERE = {
     "cy_front": "front, in bends",
     "cy_rear": "rear, in bends",
@@ -47,13 +47,13 @@ MAX_ANSWER_STRETCHES = 2
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
     """Return lines that state each stiffness, its 95 % interval and whether it is usable.
 
-    A stretch is a part of the drive between two changes of tyres or road. For each of the
-    last MAX_ANSWER_STRETCHES stretches, there are three lines, one for each stiffness. If
-    there are several stretches, a title precedes the lines of each.
+    A stretch is a part of the drive between two changes of tyres or road. Each of the
+    last MAX_ANSWER_STRETCHES stretches has three lines, one for each stiffness. If there
+    are several stretches, each has a title above its lines.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness is that
-    of the driven axle. The filter assumes that the other axle rolls freely, i.e. without
-    longitudinal force, from which its stiffness could be estimated.
+    of the driven axle. That of the other axle cannot be estimated, because the filter
+    assumes that this axle transmits no longitudinal force.
     """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
@@ -81,10 +81,11 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
 def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
     """Return one stiffness for a stretch of road, and half of its 95 % interval.
 
-    Normally this is the value of the smoother. In two cases, it is Verdict.value, the
-    value of the filter (normally the one at the end of the stretch): there is no smoothed
-    value, e.g. with a particle filter, or the smoothed value is not valid, but the value
-    of the filter is."""
+    The stiffness is the value of the smoother. There are two exceptions, in which it is
+    Verdict.value, the value of the filter (normally at the end of the stretch):
+      - there is no smoothed value, e.g. with a particle filter
+      - the smoothed value is not valid, but the value of the filter is usable
+        (Verdict.level is not "none")"""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 

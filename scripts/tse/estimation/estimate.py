@@ -1,8 +1,8 @@
 """Run the filter over a log and write the table of estimates (EST.csv or .parquet).
 
-A run may start from the learnt state of an earlier drive. The learnt state contains what
-the filter learnt about the car on that drive, as bytes that the library writes and reads
-(tse/learnt.h)."""
+A run may start from the learnt state of an earlier drive: stiffnesses, grip, steering
+offset, sensor biases and noise at the end of that drive, with their sds and correlations.
+The library writes and reads the learnt state as bytes (tse/learnt.h)."""
 
 from __future__ import annotations
 
@@ -95,10 +95,10 @@ def write_learnt(path: Path, data: bytes) -> None:
 
 # ---- Rows as CSV
 #
-# For speed, numbers are converted to text by orjson. It cannot write all cells as CSV
-# needs them, e.g. very large numbers. A block of rows with such a cell, or with a string
-# that needs quotes, is written by Arrow. For the ten million cells of a long log, pandas
-# takes 8 s, Arrow 1 s and orjson 0.25 s.
+# For speed, numbers are converted to text by orjson. A block of rows is written by Arrow
+# if it has a cell that orjson writes differently (a number of 1e10 or more, SAME_TEXT) or
+# a string that needs quotes. For the ten million cells of a long log, pandas takes 8 s,
+# Arrow 1 s and orjson 0.25 s.
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
@@ -139,14 +139,13 @@ def _find_kind(column: Any) -> tuple[str, bool, bool]:
     -------
     kind : str
         "words" for a Categorical, "d" for double precision, "f" for single precision and
-        integers. Empty if only Arrow can write the column.
+        integers; "" if only Arrow can write the column.
     same : bool
         True if all cells have the same text. Only one cell is then converted.
     plain : bool
-        True if all numbers are present and have a fractional part. The text of orjson is
-        then used unchanged. False: some numbers are missing or integers. orjson writes a
-        missing number as "null" and the integer 2 as "2.0", and _join_cells() replaces
-        these strings by "" and "2"."""
+        True if no number is missing or whole. The text of orjson is then used unchanged.
+        False: _join_cells() corrects the text. orjson writes a missing number as "null"
+        and the number 2 as "2.0". The file needs "" and "2"."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
@@ -211,8 +210,8 @@ def _write_rows_by_arrow(table: Columns) -> bytes:
     try:
         return write_lines("none")
     except pa.ArrowInvalid:
-        # A string contains a comma, a quote or a line break. With "needed", Arrow puts
-        # quotes around all strings, so "none" is tried first.
+        # A string contains a comma, a quote or a line break. With the style "needed",
+        # Arrow puts quotes around all strings. Therefore, "none" is tried first.
         return write_lines("needed")
 
 
@@ -232,8 +231,8 @@ def _make_arrow(column: Any) -> pa.Array:
 
 ROWS_AT_A_TIME = 64  # number of rows after which Ctrl-C is checked and the progress bar is updated
 BLOCK = 2048  # number of rows that are in memory with all columns at one time
-# Max number of rows of a summary (class Summary: the columns that verdicts and events
-# need). It is 87 minutes at 100 Hz. Of longer logs, every n-th row is kept.
+# Max number of rows of a Summary (the columns that verdicts and events need): 87 minutes
+# at 100 Hz. Of a longer log, only every n-th row is kept.
 MAX_SUMMARY = 1 << 19
 GROUP = 4 * BLOCK  # number of rows of a row group in a Parquet file
 # columns that are written in double precision, because small differences of large values
@@ -255,7 +254,8 @@ class Estimates:
     interrupted: bool  # True if Ctrl-C ended the run before the last row
     learnt: bytes | None = None  # for NativeFilter.load_learnt(); None: nothing was learnt
     # Result of NativeFilter.uncertainty_sd() after the last row: uncertain setting of the
-    # car -> sd that it adds to each stiffness, relative to the nominal stiffness
+    # car -> [1] sd that it adds to cx_front, cy_front and cy_rear, each divided by the
+    # nominal stiffness
     uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
     # status -> number of rows with this status, including rows that are not in the table
     statuses: dict[int, int] = field(default_factory=dict)
@@ -310,9 +310,9 @@ def estimate(
     """Run the filter over a log. Ctrl-C ends the run early, and the estimates up to there
     are returned.
 
-    `learnt` is the state from which the run starts. `contradicted` must be True if the
-    channels of the log contradict each other. In every row, estimates that the filter
-    marks as valid are then marked as implausible instead."""
+    `learnt` is the learnt state from which the run starts. None: the run starts from the
+    settings. `contradicted`: True if the channels of the log contradict each other. Then
+    estimates that the filter marks as valid are marked as implausible instead."""
     tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     state, uncertainty_sd = _run_filter(log, config, take, progress, learnt, contradicted)
@@ -422,7 +422,8 @@ def _run_filter(
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
     """Run the filter over a log, and call `take` with each block of estimates.
 
-    Return the learnt state and NativeFilter.uncertainty_sd() after the last row."""
+    Return two results after the last row: the learnt state (None if there was no row),
+    and NativeFilter.uncertainty_sd()."""
     filter_ = NativeFilter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -456,8 +457,10 @@ def _run_filter(
 
 
 def mark_implausible(outputs: np.ndarray) -> None:
-    """Replace the reason "valid" by "implausible" in all rows. In the changed rows, also
-    set the status to that of an implausible row."""
+    """Mark all valid estimates as implausible.
+
+    Replace the reason "valid" by "implausible". Rows with a replaced reason get the
+    status TSE_W_IMPLAUSIBLE. Refused rows are not changed."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -495,7 +498,7 @@ def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
 
 def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
     """Return the reason of each row as a word: REFUSED for refused rows, otherwise the
-    name of the code (tse_reason)."""
+    name of the code (tse_reason), or "unknown" if the library has no such code."""
     words = [f.name for _, f in sorted(library().codes(REASON).items())]  # word i has code i
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
@@ -584,8 +587,9 @@ def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     """Replace the handler of Ctrl-C, and yield a function that returns whether Ctrl-C was
     pressed.
 
-    The first Ctrl-C does not interrupt, and a second one interrupts as usual. Outside the
-    main thread the handler is not replaced, and the function always returns False."""
+    The first Ctrl-C is only noted. A second one raises KeyboardInterrupt. In a thread
+    other than the main one, the handler cannot be replaced, and the function always
+    returns False."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return

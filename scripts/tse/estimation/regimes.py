@@ -45,19 +45,18 @@ EVENT_COLUMNS: dict[str, type] = {
 # Columns from which the sd of the ratio (stiffness after / before a change) is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 MIN_EVENT_PROBABILITY = 0.9  # min probability of a reported event
-# [s] Each row reports the time of the last change. If the times from two rows differ by
-# at most this, both rows report the same change. Two intervals of the same fault, or two
-# of sliding, are joined if the time between them is at most this, too.
+# [s] Each row reports the time of the last change. Two rows report the same change if the
+# reported times differ by at most MAX_JOINED_GAP. Two intervals of sliding, or with the
+# same channel at fault, are joined if the time between them is at most MAX_JOINED_GAP.
 MAX_JOINED_GAP = 0.5
 # A change is reported if a stiffness changes by more than this share of its value
 MIN_CHANGE = 0.05
 # [s] min length of a stretch, i.e. of the part of a drive between two changes of tyres or
 # road. A shorter stretch is joined to its neighbour.
 MIN_STRETCH = 2.0
-# [1/s] Before the filter detects a change, the estimated stiffness drifts towards its new
-# value. The change begins where this drift begins, but a drift slower than CREEP does not
-# count. The rate is the share of the way to the new value that is covered per second
-# (_find_begin()).
+# [1/s] Before the filter detects a change, the estimated stiffness already drifts towards
+# its new value. The change begins where this drift begins (_find_begin()). A drift that
+# covers less than this share of the way to the new value per second does not count.
 CREEP = 0.01
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
@@ -72,10 +71,10 @@ class Change:
     that the change affects: value after / value before, and the sd of this ratio. The sd
     is NaN if it is unknown.
 
-    `probability` is the probability that neither a further change nor a sensor fault has
-    begun since this change. A low value indicates a false detection, because the filter
-    corrects a false change by a further one. The filter does not estimate the probability
-    that this change itself is real."""
+    `probability` is the probability that since this change no further change, sliding or
+    sensor fault has begun. It is low for a false detection, because the filter undoes a
+    false change by a further change. It is not the probability that the change is real,
+    which the filter does not estimate."""
 
     time: float
     kind: int
@@ -126,9 +125,10 @@ class Stretch:
     """The part of a drive from one change of the stiffness to the next, from `start` [s]
     to `end` [s].
 
-    `rows` are the rows whose estimates describe this stretch. They begin at
-    Change.believed. If the stretch was joined from several short ones, `rows` are the
-    rows of the longest of them."""
+    `rows` are the rows whose estimates describe this stretch. They begin at the time
+    Change.believed of the change at `start`, or in the first stretch at row 0, and end at
+    `end`. In a stretch joined from several short ones, `rows` are the rows of the longest
+    one."""
 
     start: float
     end: float
@@ -160,12 +160,15 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     report times that differ by at most MAX_JOINED_GAP, they report the same change. Kind
     and ratios are taken from the last row that reports the change.
 
-    A change is left out if both the median of its probability over the rows that report
-    it and its probability in the last such row are below MIN_EVENT_PROBABILITY, or if no
-    stiffness changes by more than MIN_CHANGE.
+    A change is left out if Change.probability is below MIN_EVENT_PROBABILITY, or if all
+    its ratios differ from 1 by at most MIN_CHANGE. A change without ratios is kept
+    ("started over"). Change.probability is the larger of two values of the column
+    change_probability: its median over the rows that report the change, and its value in
+    the last of these rows.
 
-    The filter detects a change some time after the change began. Until then, the
-    estimates may already have drifted. _find_begin() estimates when the change began."""
+    The filter detects a change some time after the change began. Before the detection,
+    the estimates drift towards the new stiffness. From this drift, _find_begin()
+    estimates when the change began."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = estimate_times(table), table["change_kind"].to_numpy()
@@ -231,16 +234,16 @@ def _find_begin(
     The second term excludes a slow drift before the change: an earlier row is chosen only
     if it adds a drift of more than CREEP per second.
 
-    The estimate also moves while the filter still learns the old stiffness. Then its
-    variance decreases. Therefore only the part of the movement that exceeds 1.96 times
-    the square root of this decrease counts as drift.
+    The estimate also moves while the filter still learns the old stiffness. If its
+    variance P decreases from row i to row `before`, this movement has the variance
+    P_i - P_before. So only the part of the movement beyond 1.96 sqrt(P_i - P_before)
+    counts as drift.
 
     `columns`: columns of EST.csv. `time`: [s] time of each row. `kind`: change_kind."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    # The result is the row with the largest value of drift - CREEP * (time from this row
-    # to row `before`). In row `before`, this value is 0. The drift is at most 1, so the
-    # value is negative in rows more than 1 / CREEP seconds before row `before`. Such rows
-    # cannot be the result, and are left out.
+    # Leave out rows more than 1 / CREEP seconds before row `before`. They cannot be the
+    # result: since the drift is at most 1, drift - CREEP * (time of `before` - time of i)
+    # is negative there, but 0 in row `before`.
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
     drift = np.zeros(max(0, before + 1 - first))
     if not keys or not len(drift):
@@ -323,9 +326,10 @@ def find_channel_name(number: int) -> str:
 
 
 def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """Return the stretches of road between the changes `found`. A stretch whose `rows`
-    last less than MIN_STRETCH is joined to the next stretch. If it is the last one, it is
-    joined to the previous stretch."""
+    """Return the stretches of road between the changes `found`.
+
+    If the rows of a stretch (Stretch.rows) last less than MIN_STRETCH, the stretch is
+    joined to the next stretch. The last stretch is joined to the previous one instead."""
     if table.empty:
         return []
     time = estimate_times(table)
