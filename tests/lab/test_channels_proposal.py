@@ -520,6 +520,8 @@ def test_the_course_of_a_receiver_is_clockwise(sign: float) -> None:
     look = make_look({"heading": "deg"}, heading=course, r=YAW)
     look.channels["heading"] = Channel("heading", T, course, "deg", RECEIVER_TEXT)
     assert scales._correlate_course(look, YAW, V) * sign > 0.9
+    in_rad = make_look({"GPS_Heading": "rad"}, GPS_Heading=np.radians(course))
+    assert scales._correlate_course(in_rad, YAW, V) == pytest.approx(scales._correlate_course(look, YAW, V))
     look.channels["heading"] = Channel("heading", T, course, "deg")
     assert scales._correlate_course(look, YAW, V) == 0.0  # a heading of something else
     gps = make_look({"GPS_Heading": "deg"}, GPS_Heading=course * 2)  # up to 720 is no course

@@ -213,8 +213,8 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 
     The course increases in right turns, so -d(course)/dt is positive to the left. If the
     result is positive, the logged yaw rate is positive to the left; if negative, to the
-    right. The course is taken to be in deg. Return 0 if the log has no GNSS course, or if
-    the course changes by less than 1 deg."""
+    right. A course without unit is taken to be in deg. Return 0 if the log has no GNSS
+    course, or if the course changes by less than 1 deg."""
     named = [
         n
         for n in look.raw
@@ -226,7 +226,8 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
         return 0.0
     time, course = look.raw[named[0]]
     good = np.isfinite(course)
-    time, course = time[good], course[good]
+    time = time[good]
+    course = np.degrees(course[good] * (unit_factor(look.find_unit(named[0]) or "deg", "rad") or 1.0))
     if len(course) < 10 or np.ptp(course) < 1.0 or course.min() < -181.0 or course.max() > 361.0:
         return 0.0
     turned = -np.unwrap(np.radians(course))
