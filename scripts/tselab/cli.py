@@ -85,13 +85,14 @@ def cli(debug: bool) -> None:
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml
     tselab demo --out demo                             an example that needs no log
 
-    'tselab COMMAND --help' explains each command, its columns and units.
+    'tselab COMMAND --help' explains each command, and the columns and units of its files.
     """
 
 
 def _discard_stdout() -> None:
-    """Redirect standard output to the null device. Otherwise Python would try again to
-    write its output buffer at exit, fail, and print a second error."""
+    """Redirect standard output to the null device. Called after a write to standard
+    output has failed. Otherwise Python would at exit write the rest of its output buffer,
+    fail again, and print a second error."""
     with contextlib.suppress(OSError, ValueError):  # standard output may have no file descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -108,8 +109,9 @@ def main() -> None:
     # with this variable, tse.readers.recording limits the memory for reading logs, in
     # this process and in worker processes
     os.environ["TSE_HOLD_MEMORY"] = "1"
-    # use the memory allocator of the system: Arrow's own pool reserves a gigabyte of
-    # address space at its start
+    # use the memory allocator of the system: Arrow's own allocator reserves 1 GB at its
+    # first use. This counts as memory of the process, and exceeds the limit for a small
+    # log
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     try:
         code = cli.main(standalone_mode=False)

@@ -1,7 +1,8 @@
-"""The command `tselab demo`. First, it simulates a drive, estimates it, and compares the
-result with the truth. Second, it estimates the same drive from an MF4 with signal names,
-units, rates and latencies as on the bus of a car. Third, it simulates a second car with
-an effect that the model lacks, and finds this effect."""
+"""The command `tselab demo`. First, it simulates a drive, estimates the tyre stiffness
+from the log, and compares the estimates with the truth. Second, it writes the same drive
+as an MF4, with signal names, units, rates and latencies as on the bus of a car, and
+estimates the stiffness from this file. Third, it simulates a second car with body roll,
+which is not in the vehicle file, and finds this effect."""
 
 from __future__ import annotations
 
@@ -35,21 +36,22 @@ from tselab.options import FILE, PROGRESS, show_progress, silence_warnings
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Demonstrate the estimator on simulated drives: estimate,
-    read an MF4, find an effect.
+    """Demonstrate tselab on simulated drives: estimate the tyre stiffness,
+    read an MF4, find an effect that the vehicle file lacks.
 
-    First, double lane changes are simulated and estimated, and the estimates are compared
-    with the truth. During the drive the road surface changes: every stiffness drops to
-    70 % of nominal. Files: vehicle.toml, filter.toml, log.csv, truth.csv, est.csv,
-    report.html and, with matplotlib, demo.png.
+    First, double lane changes are simulated, the tyre stiffness is estimated from the
+    log, and the estimates are compared with the truth. During the drive the road surface
+    changes: every stiffness drops to 70 % of nominal. Files: vehicle.toml, filter.toml,
+    log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png.
 
     Second, the same drive is written as an MF4 with signal names, units, rates and
-    latencies as on the bus of a car, and is estimated from this file. Files in the folder
-    logger: drive.mf4, the proposed signals.toml, car.toml and est.csv. This part needs
-    the Python package asammdf.
+    latencies as on the bus of a car, and the stiffness is estimated from this file. Files
+    in the folder logger: drive.mf4, car.toml, est.csv, and signals.toml, which 'tselab
+    signals' proposes. This part needs the Python package asammdf.
 
-    Third, a car is simulated with an effect that the model lacks, and 'tselab gap' finds
-    the effect. Files in the folder gap: the logs, and all files of 'tselab gap'.
+    Third, a car is simulated with body roll, an effect that its vehicle file lacks, and
+    'tselab gap' finds this effect. Files in the folder gap: the logs, and all files of
+    'tselab gap'.
     """
     show = show_progress(progress)
     with silence_warnings():
@@ -90,7 +92,8 @@ GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-STIFFNESS_SPREAD = 0.02  # sd of the stiffness drawn anew in every row, relative to its mean
+# A stiffness is drawn at random in each row, independently of other rows. sd / mean
+STIFFNESS_SPREAD = 0.02
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
 
@@ -117,7 +120,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
         seed=seed,
         duration=DRIVE_TIME,
         road_changes=[ROAD_CHANGE],
-        # without noise, the filter would treat the wheel speeds as frozen signals
+        # without noise, a wheel speed repeats the same value while the car drives
+        # straight, and the filter would report this signal as frozen
         settings={"wheel_speed_sd": WHEEL_NOISE},
         bar=progress,
     )
@@ -201,7 +205,9 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
     )
 
 
-# ---- The same drive as an MF4 of a data logger: find which signals are the channels
+# ---- The same drive as an MF4 of a data logger: find the signal of each channel. A
+# channel is a quantity that the filter reads, such as yaw_rate; a signal is a series in
+# the MF4.
 
 
 RATIO = 15.3  # steering ratio
@@ -217,8 +223,9 @@ GROUPS = {
 
 
 def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
-    """Write the drive as an MF4, find the signal of each channel of the log in it, and
-    estimate. Print the differences to the estimates from the CSV log.
+    """Write the drive as an MF4. Find in the MF4 the signal of each channel (quantity
+    that the filter reads, such as yaw_rate), and estimate the stiffness. Print the
+    differences to the estimates from the CSV log.
 
     Parameters
     ----------
@@ -235,7 +242,7 @@ def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
         The Python package for MF4 is not installed.
     """
     if importlib.util.find_spec("asammdf") is None:
-        raise Error("the part with an MF4 needs the Python package asammdf: pip install 'tse[mf4]'")
+        raise Error("the demo of an MF4 needs the Python package asammdf: pip install 'tse[mf4]'")
     make_directory(out)
     with write_atomically(out / "car.toml") as file:
         file.write(f"steering_ratio = {RATIO}\n{simulated_vehicle()}")

@@ -33,9 +33,13 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Reading, Result
 
-MAX_PRINTED_STRETCHES = 12  # max number of stretches of road that --verbose prints
+# max number of stretches of road that --verbose prints. A stretch is a part of the drive
+# from one change of the stiffness to the next
+MAX_PRINTED_STRETCHES = 12
 MAX_LINES = 12  # max number of printed lines without --verbose
-MAX_EVENTS, MAX_NOTES = 4, 2  # max number of printed events and of printed notes without --verbose
+# without --verbose, max number of printed events (change of the road, sensor fault,
+# sliding), and max number of printed notes
+MAX_EVENTS, MAX_NOTES = 4, 2
 OUTPUT_LABELS = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 Files = dict[str, Path | None]
 
@@ -160,17 +164,19 @@ def estimate(
     unit = "deg"                   unit = "km/h"                   unit = "g"
     ratio = 15.3                   latency = 0.02                  sign = -1
 
-    Further keys of a channel: scale, offset, sign_bit, add (a signal whose value is
-    added), radius (wheel radius, m), valid and counter (signals of the same message:
-    valid marks values as valid, counter counts the messages), clock (s; in some formats
-    the signals are in groups, each with its own clock: time by which the clock of this
-    signal is ahead of the others), hold (true: the signal is sent only when it changes,
-    so each value is held until the next), unsure (properties of this signal that were
-    guessed by 'tselab signals'; until you remove the key, every run prints them, and
-    --strict refuses the log). ratio may be a table [[angle, ratio], ...]. Keys of [log]:
-    time, time_unit, step, rate, databases, separator, decimal, encoding, header. If the
-    log does not have a channel, this channel is missing in all rows, and the quantities
-    that are observable without it are estimated.
+    Further keys of a channel: scale, offset, sign_bit (a signal that is 1 if the value is
+    negative), add (a signal whose value is added), radius (wheel radius, m), valid and
+    counter (signals of the same message: valid marks values as valid, counter counts the
+    messages), clock (s; for formats whose groups of signals have different clocks: time
+    by which the clock of this signal is ahead of that of the other signals), hold (true:
+    the signal is sent only when it changes, so each value is held until the next), unsure
+    (properties of this signal that were guessed by 'tselab signals'; until you remove the
+    key, every run prints them, and --strict refuses the log). ratio (angle of the
+    steering wheel / angle of the road wheels) may be a table [[angle of the steering
+    wheel in the unit of the signal, ratio], ...]. Keys of [log]: time, time_unit, step,
+    rate, databases, separator, decimal, encoding, header. If the log does not have a
+    channel, this channel is missing in all rows, and the quantities that are observable
+    without it are estimated.
 
     If the vehicle file does not give a value, the run assumes the value of an ordinary
     car with the same mass, lf and lr (src/tables/uncalibrated.toml): stiffness
@@ -189,10 +195,11 @@ def estimate(
     calibration with --no-calibrate, nor with --load-learnt or --save-learnt (see below).
 
     With --save-learnt, the filter writes its state after the drive, the learnt state:
-    stiffness, grip, sensor biases and steering, with their covariance. With
-    --load-learnt, a later drive starts from this state. It is valid only for the same
-    vehicle file, so the car is not calibrated again. Its variances grow with its age
-    (settings learnt_floor, learnt_walk_day).
+    stiffness, grip, sensor biases, and offset, gain and latency of the steering, with
+    their covariance. With --load-learnt, a later drive starts from this state. The state
+    is valid only for the same vehicle file, so the car is not calibrated again. The older
+    the state, the larger the variances with which the drive starts ('tselab settings'
+    explains the settings learnt_floor and learnt_walk_day).
 
     The report also draws columns of the log that start with ref_. Those that name an
     estimated quantity (ref_vel_x, ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed,
@@ -206,10 +213,10 @@ def estimate(
     --road gives the filter the bank and grade of the road in each row. The position on
     the road is found from gnss_latitude and gnss_longitude or, without them, from the
     curvature of the driven path (yaw rate / speed). Columns of road.csv: distance [m],
-    bank (left side high > 0), grade (uphill > 0), bank_sd, grade_sd [rad]; for the path
-    latitude, longitude [deg], or x, y [m], or curvature [1/m]; closed (1 for a circuit,
-    whose last row is at the same place as the first). A log that was driven on a
-    different road is refused.
+    bank (left side high > 0), grade (uphill > 0), bank_sd, grade_sd [rad]; closed (1 for
+    a circuit, whose last row is at the same place as the first); and the path of the
+    road, either as latitude, longitude [deg], or as x, y [m], or as curvature [1/m]. A
+    log that was driven on a different road is refused.
 
     When road surface or tyres change, the stiffness changes. At the changes that the
     filter finds, the drive is divided into stretches. For each of the last two stretches

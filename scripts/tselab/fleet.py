@@ -119,11 +119,11 @@ def fleet(
     Each log is estimated as 'tselab estimate' does it, with the option --signals or,
     without the option, with the signals.toml in the folder of the log. 'tselab signals
     --help' lists the formats. Each drive starts from the learnt state of the previous
-    drive of the same car: the stiffness, grip, sensor biases and steering that the filter
-    has estimated in it. The order of the drives follows from the start time in the log
-    (MF4, MDF, BLF, MCAP). If a log has no start time, the date in its name or in the name
-    of its folder is used. If there is no such date, the modification time of the file is
-    used. Several cars run in parallel.
+    drive of the same car, i.e. from the estimates at the end of that drive: stiffness,
+    grip, sensor biases, and offset, gain and latency of the steering. The order of the
+    drives follows from the start time in the log (MF4, MDF, BLF, MCAP). If a log has no
+    start time, the date in its name or in the name of its folder is used. If there is no
+    such date, the modification time of the file is used. Several cars run in parallel.
 
     With --vehicle, each folder directly below FOLDER holds the logs of one car, also in
     its subfolders; with --car, all logs belong to one car. With --vehicles, the column
@@ -137,7 +137,8 @@ def fleet(
     taxi/*.blf,cars/rav4.toml,taxi,cars/rav4.signals.toml
 
     \b
-    DIR/fleet.parquet   a row for each log, stretch of road and stiffness: value, sd,
+    DIR/fleet.parquet   a row for each log, stretch of road (part of the drive from one
+                        change of the stiffness to the next) and stiffness: value, sd,
                         validity, changes, warnings; for a log that cannot be estimated
                         a row with its error
     DIR/fleet.html      cars and their trends, the car with the smallest stiffness first,
@@ -148,8 +149,8 @@ def fleet(
     DIR/calibrated/     for each car without calibrated stiffness, a vehicle file with
                         calibrated stiffness, from at most ten minutes of the first four
                         logs of the car. The learnt state of the car is valid only with
-                        this vehicle file. With --no-learn each log has its own
-                        calibration; with --no-calibrate there is no calibration
+                        this vehicle file. With --no-learn each log is calibrated on
+                        itself alone; with --no-calibrate there is no calibration
     DIR/logs/           results of the logs that are done. If the command is run again,
                         even after it was killed, it reads these results, and estimates
                         only logs that are new or have changed

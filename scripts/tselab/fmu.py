@@ -59,16 +59,17 @@ def read_parameters(fmu: Path) -> list[FmuParameter]:
 
 
 def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[str, float], name: str) -> str:
-    """Return the SSP parameter set of a car. It contains all parameters vehicle.*. Any
-    other parameter is in it only if its value differs from the start value in the FMU.
+    """Return the SSP parameter set of a car. It contains all parameters vehicle.* except
+    vehicle.exact. It contains any other parameter only if the value of the car differs
+    from the start value in the FMU.
 
     Parameters
     ----------
     parameters
         Parameters of the FMU.
     settings
-        Settings of the car by name. The setting of a parameter has the name of the
-        parameter, without its first part and with _ in place of dots: the parameter
+        Settings of the car by name. The name of the setting is the name of the parameter
+        from its first dot on, with _ in place of the later dots: the parameter
         effects.body_roll.gain has the value of the setting body_roll_gain.
     name
         Name of the car.
@@ -76,9 +77,10 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            # This parameter is left out, so it keeps its start value, false. The FMU then
-            # uses the values of an ordinary car for all parameters that are not set. If
-            # it were true, the FMU would use the values of the simulated car for these
+            # vehicle.exact is left out, so it keeps its start value, false. A parameter
+            # that is missing in the set then keeps its start value, too. If vehicle.exact
+            # were true, the missing parameters would get the values of the car that the
+            # simulator has by default, with an sd of 0
             continue
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
@@ -157,11 +159,12 @@ def build(
     tselab fmu build --fmi 3
     tselab fmu build --real fixed --out fmus-fixed
 
-    Without --platform and --all-platforms, each FMU has only the binary for this machine,
-    made by its C compiler. With them, the Python package ziglang (extra 'platforms')
-    compiles the binaries from the folder sources/ of each FMU. These binaries also run on
-    old systems: linux64 needs only glibc 2.2.5. The same sources always give the same
-    files, byte for byte. Files are written only after everything was built.
+    By default, each FMU has only the binary for this machine, made by the C compiler of
+    this machine. With --platform or --all-platforms, the Python package ziglang (extra
+    'platforms') compiles the binaries of the chosen platforms, from the folder sources/
+    of each FMU. These binaries also run on old systems: linux64 needs only glibc 2.2.5.
+    The same sources always give the same files, byte for byte. Files are written only
+    after everything was built.
 
     By default there are two files for each model: one for FMI 2.0, which most tools read,
     and one for FMI 3.0, because an FMU can only be of one version. The results of the two

@@ -1,5 +1,5 @@
-"""Build the FMUs of this checkout. CMake builds them for this machine. For other
-platforms a cross-compiler builds the binaries from the sources inside each FMU."""
+"""Build the FMUs of this checkout. CMake builds each FMU with a binary for this machine.
+Binaries for other platforms are then cross-compiled from the sources inside the FMU."""
 
 import importlib.util
 import os
@@ -32,7 +32,9 @@ class Platform:
     name: str  # folder in binaries/ of an FMU of FMI 2.0
     tuple3: str  # folder in binaries/ of an FMU of FMI 3.0
     suffix: str  # suffix of a shared library
-    targets: tuple[str, ...]  # targets of zig; if there are several, their binaries are joined to one
+    # targets of the compiler zig, such as x86_64-linux-gnu.2.2.5. If there are several,
+    # their binaries are joined to one file
+    targets: tuple[str, ...]
 
     def folder(self, fmi: str) -> str:
         """Return the name of the folder in binaries/ that holds the binary of this
@@ -40,10 +42,12 @@ class Platform:
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
-        """Return the targets of zig for which the binary of this platform is compiled. An
-        FMU of FMI 3.0 has a separate folder for each processor, so the binary is for one
-        target only, the first. An FMU of FMI 2.0 has one folder for all processors of a
-        system, so one binary is for all targets."""
+        """Return the targets of zig for which the binary of this platform is compiled.
+
+        In FMI 2.0 the folder darwin64 is for all processors, so its binary is for all
+        targets. In FMI 3.0 each processor has its own folder, so the binary is only for
+        the first target, the processor in `tuple3`. The other processor is a platform of
+        its own."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
@@ -118,7 +122,9 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
     build = read_build(sources)
     name = build.identifier + platform.suffix
     flags = [*build.flags, *SHARED, "-I."]
-    if platform.suffix == ".dylib":  # without this option, the library contains the temporary path
+    if platform.suffix == ".dylib":
+        # without this option, the library contains the path of the temporary folder
+        # below, and so differs from build to build
         flags.append(f"-Wl,-install_name,@rpath/{name}")
     with tempfile.TemporaryDirectory() as folder:
         # a DLL contains its own file name, so it must be linked under its final name
@@ -146,7 +152,7 @@ def run_zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
 
 
 FAT_MAGIC = 0xCAFEBABE  # magic number of a universal Mach-O file, big-endian
-MACHO_64 = 0xFEEDFACF  # magic number of a 64-bit Mach-O file, little-endian for both processors
+MACHO_64 = 0xFEEDFACF  # magic number of a 64-bit Mach-O file, little-endian on x86_64 and on arm64
 # Key: CPU type in a Mach-O file (x86_64, arm64). Value: log2 of its page size [bytes].
 # In a universal file, the part for a CPU must start at a multiple of its page size
 PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}
@@ -210,8 +216,8 @@ def build(
     real: str = "double",
     fmi: Sequence[str] = FMI,
 ) -> list[Built]:
-    """Build the FMUs for these versions of FMI and, if 2.0 is one of them, the SSP
-    systems. Write them to `out` only after everything was built.
+    """Build the FMUs for the versions `fmi` of FMI and, if "2" is one of them, the SSP
+    systems. Write the files to `out` only after everything was compiled.
 
     `wanted`: platforms for which binaries are cross-compiled. If it is empty, the FMUs
     have only the binary for this machine."""

@@ -62,8 +62,8 @@ VERBOSE = click.option(
 
 
 def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of a command that runs the whole workflow of finding effects. The
-    options become the keyword arguments of _run()."""
+    """Add the options that the commands `run` and `discover` share. The options become
+    the keyword arguments of _run()."""
     for take in (
         JSON,
         PROGRESS,
@@ -76,7 +76,7 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # the last option of this list comes first in --help
+    ):  # in --help, the options have the reverse order
         command = take(command)
     return command
 
@@ -124,15 +124,17 @@ class RunCommand(click.Command):
 
 @click.group(cls=GapGroup, short_help="Find effects that the model lacks, and add them.")
 def gap() -> None:
-    """Compare a simulation with logs, name the effect that the model lacks, add it, and
-    show how much the residuals shrink."""
+    """Compare a simulation with logs, and name the effect that the model of the car
+    lacks, such as body roll or a delay. Write a vehicle file with this effect, and show
+    how much the residuals shrink."""
 
 
 @gap.command(cls=RunCommand, hidden=True)
 @add_run_options
 def run(**given: Any) -> int:
-    """Compare a simulation with logs, name the effect that the model lacks, add it, and
-    show how much the residuals shrink.
+    """Compare a simulation with logs, and name the effect that the model of the car
+    lacks, such as body roll or a delay. Write a vehicle file with this effect, and show
+    how much the residuals shrink. 'tselab gap catalogue' lists all effects.
 
     \b
     tselab gap drive1.csv drive2.csv --vehicle car.toml --out gap
@@ -145,10 +147,10 @@ def run(**given: Any) -> int:
     If the logs determine bank or grade, the simulation uses the fitted values. Otherwise
     the simulated road is level. All laps of the same road, also in held-out logs, have
     the same bank and grade. With --road, bank and grade are read from ROAD.csv and not
-    fitted. Then sets of effects of the catalogue, and delays of channels, are compared by
-    their Bayesian evidence. A noise model describes residuals that no effect explains. An
-    effect is named if the probability that the model lacks it is at least 90 %. Held-out
-    logs do not influence the verdict.
+    fitted. Then models with different effects, and different delays of the channels, are
+    fitted, and are compared by their Bayesian evidence. A noise model describes residuals
+    that no effect explains. An effect is named if the probability that the model lacks it
+    is at least 90 %. Held-out logs do not influence the verdict.
 
     \b
     DIR/verdict.json           the verdict as JSON
@@ -165,10 +167,10 @@ def run(**given: Any) -> int:
                                blocks of 40 ms
     DIR/gap.png                the residuals as a picture (if matplotlib is installed)
 
-    Exit code: 0 nothing is missing, as far as these logs can show; 10 an effect is named;
-    11 an effect is uncertain: the probability that the model lacks it is below 90 %, or a
-    different effect explains the same residuals; 20 something is missing that is not in
-    the catalogue; 2 bad input; 130 Ctrl-C.
+    Exit code: 0 the model lacks nothing, as far as these logs can show; 10 an effect is
+    named; 11 an effect is uncertain: the probability that the model lacks it is below
+    90 %, or a different effect explains the same residuals; 20 the model lacks something
+    that is not in the catalogue; 2 bad input; 130 Ctrl-C.
     """
     return _run(**given)
 
@@ -187,7 +189,7 @@ def _run(
     report: Path | None = None,
     verbose: bool = False,
 ) -> int:
-    """Run the whole workflow and print the result.
+    """Run the command `run`, or `discover` if `formula` is True, and print the result.
 
     `formula`: search for a formula even if the named effects explain the residuals."""
     import tse
@@ -239,13 +241,13 @@ def discover(**given: Any) -> int:
     \b
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
-    This command runs 'tselab gap', and always searches for a formula. 'tselab gap'
-    searches only if the named effects leave a part of the residuals unexplained.
-    Candidate formulas from a library are added to the model of the axles, the body and
-    the sensors. A linearised model shows how much each candidate would reduce the
-    residuals. The best candidates are simulated, and stiffness and named effects are
-    fitted together with them. Longer formulas are penalised, and a formula that makes
-    the residuals of a held-out log larger is rejected.
+    This command does what 'tselab gap LOG ...' does, but searches for a formula in any
+    case. 'tselab gap LOG ...' searches only if the named effects leave a part of the
+    residuals unexplained. A candidate is a formula from a library, added to the equations
+    of an axle, the body or a sensor. A linearised model shows how much each candidate
+    would reduce the residuals. The best candidates are simulated, and are fitted together
+    with the stiffness and the named effects. Longer formulas are penalised. A formula
+    that makes the residuals of a held-out log larger is rejected.
 
     DIR/formula.toml can be edited or written by hand; 'tselab formula' checks it. The
     lines [formula] file = "formula.toml" in a vehicle file add the formula to simulator,
@@ -275,10 +277,12 @@ def check(
     \b
     tselab gap check log_*.csv --vehicle car.toml
 
-    The table has for every effect: the smallest size at which it would be named; its
-    typical size; and the share of its influence on the channels (mean square) that the
-    fit compensates by other values of the stiffness. Below the table are the effects that
-    would not be named at their typical size, with the channels that they affect.
+    For every effect the table has the smallest size at which 'tselab gap' would name this
+    effect, its typical size, and the share that is absorbed by stiffness. An effect
+    changes the simulated channels. Other values of the stiffness compensate a part of
+    this change, so that this part is not visible. The share is the mean square of this
+    part / mean square of the whole change. Below the table are the effects that would not
+    be named at their typical size, with the channels that they affect.
 
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
     part: only some effects would be named; 4 nothing usable: no effect would be named;
@@ -361,14 +365,13 @@ def plan(
     \b
     tselab gap plan --separate relaxation,steering_lag --vehicle car.toml
 
-    Each manoeuvre of a library is simulated with the first effect at its typical size.
-    The second effect is fitted to this simulation, together with the stiffness. The
-    residuals that the fit leaves distinguish the effects. With the sensor noise of the
-    vehicle file they give the log likelihood ratio of the two effects in nats. Then the
-    second effect is simulated and the first is fitted. The smaller of the two ratios is
-    printed. Two effects count as distinguished from 8 nats on. The ratio grows in
-    proportion to the length of the drive, which gives the time for which the manoeuvre
-    must be driven.
+    Let A and B be the two effects. Each manoeuvre of a library is simulated for a car
+    with effect A at its typical size. Effect B and the stiffness are fitted to this
+    simulation. The residuals of the fit, divided by the sensor noise of the vehicle file,
+    give the log likelihood ratio of A to B in nats. The same is done with A and B
+    exchanged, and the smaller of the two log likelihood ratios is printed. A and B count
+    as distinguished from 8 nats on. The log likelihood ratio is proportional to the
+    length of the drive: a manoeuvre that gives 2 nats must be driven four times.
     """
     import tse
 

@@ -136,19 +136,22 @@ def live(
     tselab live --interface socketcan --channel can0 --database car.dbc \\
       --vehicle car.toml --load-learnt car.tse --save-learnt car.tse
 
-    Three lines show the stiffnesses, and whether each is usable. Events are printed above
-    them. Ctrl-C ends the drive. The command needs the extra 'can' of the package.
+    Three lines show the stiffnesses, and whether each is usable. Events, such as a change
+    of the road, a sensor fault or a silent bus, are printed above these lines. Ctrl-C
+    ends the drive. The command needs the extra 'can' of the package.
 
     signals.toml names the signal of each channel, as for 'tselab estimate'. Without
-    signals.toml the command receives frames for 20 s, and searches them for steering
-    angle, wheel speeds, and yaw rate or lateral acceleration. It repeats this until these
-    signals are found. It prints and records the signals that it uses.
+    signals.toml the command receives frames for 20 s, and searches them for the signals
+    of steering angle, wheel speeds, and yaw rate or lateral acceleration. Until all of
+    these are found, the search is repeated every 20 s with more frames. The command
+    prints and records the signals that it uses.
 
-    A row is the set of all channels at one time. Each channel is interpolated between the
-    values before and after this time. So the row is complete, and the filter makes its
-    step, when a later value of every channel has arrived. The channel that arrives last
-    thus determines the delay of the estimates. But a row waits for at most one and a half
-    periods of a channel, and is then used without a later value of this channel.
+    A row is the set of all channels at one time t. Each channel is interpolated between
+    its values before and after t. So the row is complete, and the filter makes its step,
+    when a value after t has arrived for every channel. The channel that arrives last thus
+    determines the delay of the estimates. For a channel with no value after t, the row
+    waits at most until t + latency of the channel + 1.5 periods of the channel + 0.02 s.
+    Then the row is used without a value of this channel after t.
 
     If the bus fails, the command tries to open it again every second. The command reports
     a bus that is silent or off, a message that is no longer received, a database of a
@@ -160,9 +163,9 @@ def live(
       frames.blf            all frames
       frames.signals.toml   the signals that were used; the databases are copied, too
       rows.csv              the rows that the filter received
-      rows.est.csv          the estimates, as EST.csv of 'tselab estimate'
+      rows.est.csv          the estimates, with the columns of 'tselab estimate'
       filter.toml           the settings
-      before.tse            the learnt state of --load-learnt
+      before.tse            a copy of the file of --load-learnt
       events.txt            the events
 
     \b
@@ -308,7 +311,8 @@ class _Lines:
             click.echo(text, err=not self._terminal)
 
     def show(self, lines: Sequence[str]) -> None:
-        """Print `lines` at the bottom of the terminal, in place of those before."""
+        """Print `lines` at the bottom of the terminal. They replace the lines of the
+        previous call."""
         if not self._terminal or not lines:
             return
         with self._lock:

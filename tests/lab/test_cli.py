@@ -106,7 +106,7 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     for key, limit in (("cx_front", 0.08), ("cy_front", 0.04), ("cy_rear", 0.04)):
         assert abs(est[key][before].mean() / truth[f"true_{key}"][before].mean() - 1) < limit
     if importlib.util.find_spec("asammdf") is None:
-        assert "skipped: the part with an MF4" in done.out
+        assert "skipped: the demo of an MF4" in done.out
     else:  # from other names, units, rates and latencies the same comes out
         assert "tselab signals finds 6 of 6 channels" in done.out
         logged = pd.read_csv(tmp_path / "demo" / "logger" / "est.csv").iloc[-1000:]

@@ -348,7 +348,7 @@ def test_a_function_of_the_user_gets_the_log_and_gives_newton(monkeypatch):
     with pytest.raises(UserError, match=r"cx_front with shape \(3,\); needed is \(4,\)"):
         estimators.run_estimator("mine.run", d, d.config)
     del answer["cx_front"], answer["cy_front_sd"]
-    with pytest.raises(UserError, match=r"does not return cx_front, cy_front_sd$"):
+    with pytest.raises(UserError, match=r"must return these columns, too: cx_front, cy_front_sd$"):
         estimators.run_estimator("mine.run", d, d.config)
     for name, why in (
         ("mine.number", "is not a function"),

@@ -16,7 +16,7 @@ engine.py      runs of a study, in processes or on a Dask cluster; resumes a sto
 pictures.py    pictures and files of a study
 
 The studies are part of the package, so that `tselab paper` also works without a checkout.
-The commands are in tselab/studies.py.
+The commands `tselab montecarlo` and `tselab paper` are in tselab/studies.py.
 """
 
 STUDIES = {  # name: (default number of runs of each case, title)

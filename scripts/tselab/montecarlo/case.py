@@ -1,8 +1,8 @@
 """A case of a study, and the simulation of its drives.
 
-A case is a manoeuvre with settings and faults of the log (class Case). For each seed of
-the random numbers, the case is simulated once. The result is a drive, and all estimators
-of the case run on it.
+A case (class Case) is a manoeuvre with settings of car, simulator and estimators, and
+with faults of the log. Each seed of the random numbers gives one simulated drive of the
+case (class CaseDrive). All estimators of the case run on this drive.
 """
 
 import zlib
@@ -15,9 +15,10 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Settings of all cases. The estimators start from 70 % of the nominal stiffness. The car
-# has front-wheel drive, because all manoeuvres have torque on the front axle. Small
-# angles are assumed (exact_kinematics_share 0), as in equations (1) to (4) of the paper
+# Settings of all cases, for the simulated car and for the estimators. The estimators
+# start from 70 % of the nominal stiffness. The car has front-wheel drive, because all
+# manoeuvres have drive torque on the front axle. Simulator and estimators assume small
+# angles (exact_kinematics_share 0), as equations (1) to (4) of the paper do
 INITIAL_SETTINGS = {
     **{f"initial_{s}": 0.7 for s in STIFFNESS},
     "driven_axle": 1,
@@ -39,8 +40,8 @@ Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """A case of a study: manoeuvre, settings, faults of the log,
-    and windows of the scores."""
+    """A case of a study: manoeuvre, settings, faults of the log, and the time windows in
+    which the errors of the estimates are scored."""
 
     name: str
     title: str
@@ -48,16 +49,17 @@ class Case:
     # returns the manoeuvre
     build: Builder
     config: Mapping[str, float] = field(default_factory=dict)  # settings of car and estimator
-    # factors by which settings of the simulated car are multiplied. The estimators get
-    # the settings without these factors
+    # key: setting of the car; value: factor by which the setting of the simulated car is
+    # multiplied. The estimators get the setting without the factor, i.e. a wrong value
     car: Mapping[str, float] = field(default_factory=dict)
     sim: Mapping[str, float] = field(default_factory=dict)  # settings of the simulator
     # function that draws settings of the estimator at random, and returns them. It has
     # the same arguments as `build`. None: no setting is random
     draw: Draw | None = None
     # function (times, rows, random generator) that falsifies rows of the log in place,
-    # and returns a bool for each row. True: an estimator should report this row as not
-    # valid, and its errors in this row are not scored. None: the log is not falsified
+    # and returns a bool for each row. True: an estimator should flag its estimates in
+    # this row as not valid, and errors in this row are not scored. None: no row is
+    # falsified
     corrupt: Corruption | None = None
     estimators: tuple[str, ...] = ("tse",)
     windows: tuple[tuple[float, float], ...] = (SCORED_WINDOW,)  # [s] windows in which errors are scored
@@ -74,8 +76,8 @@ class CaseDrive:
     truth: np.ndarray  # outputs of the simulator
     road: np.ndarray  # (rows,) factor by which the road surface multiplies every stiffness
     corrupted: np.ndarray  # (rows,) True: a fault has made the row unusable (Case.corrupt)
-    about: dict[str, float]  # settings of the case; they override settings of the user
-    config: Config  # settings of the estimator "tse"
+    about: dict[str, float]  # settings of this case; they override those of the option --set
+    config: Config  # all settings of the estimator "tse", which include `about`
     car: Config  # true parameters of the car
     sim: SimConfig
     events: tuple[float, ...] = ()  # [s] as in Case
@@ -83,7 +85,8 @@ class CaseDrive:
 
     @property
     def stiffness(self) -> np.ndarray:
-        """(rows, 3) true mean of each stiffness, relative to nominal."""
+        """(rows, 3) true stiffness at zero slip, without its random variation from sample
+        to sample, relative to nominal."""
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
 
 

@@ -34,7 +34,7 @@ from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, CaseDrive, simulate_case
 from tselab.montecarlo.studies import Study
 
-RUNS = "runs.jsonl"
+RUNS = "runs.jsonl"  # file to which the scores of each run are appended when the run is finished
 KEYS = ["case", "estimator", "seed"]  # columns of runs.csv that identify a row
 NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # columns with measured times, which are not reproducible
@@ -92,8 +92,8 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
     row of scores for each estimator."""
     if hash_library() != unit.library:
         raise UserError(
-            f"the tse library {library().path} differs from the one with which the study began: start the "
-            "study again"
+            f"the tse library {library().path} of this process differs from the one with which the study "
+            "began: install the same library on all workers, and run the command again"
         )
     case = _load_study(unit.study).case(unit.case)
     start = time.perf_counter()
@@ -114,9 +114,8 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
 
 
 def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDrive, np.ndarray]:
-    """Repeat the run of estimator `name` on a case with a seed, because a picture needs
-    the estimates of all rows, and only scores are stored. Return the drive and these
-    estimates."""
+    """Repeat the run of the estimator `name` on a case with a seed. Return the drive, and
+    the estimates in all rows, which a picture needs: run_study() stores only scores."""
     d = simulate_case(case, seed, lambda about: configure_unit("tse", plan, about), plan.sim_settings)
     return d, estimators.run_estimator(name, d, configure_unit(name, plan, d.about))
 
@@ -205,8 +204,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
-    """Call result(), which returns the rows of scores of the unit, and return them. If it
-    raises an error, add case and seed to the message of the error."""
+    """Call result(), and return the rows of scores of the unit that it returns. If
+    result() raises an error other than UserError, add case and seed to the message."""
     try:
         return result()
     except UserError:

@@ -39,8 +39,9 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")  # the extended Kalman filters of peers.py
-# Key: estimator. Value: its form. A form is a set of settings that selects a filter of
-# the library: "default", "robust" or "paper" (option --form of `tselab estimate`)
+# Estimators that always run with the same form. A form is a value of the option --form
+# ("default", "robust" or "paper"), and stands for settings that select a filter of the C
+# library. Key: estimator. Value: its form. Other estimators have the form of the option
 FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}
 # Settings in which the estimator "printed" differs from "paper". "printed" starts at the
 # speed of Sec. IV-A of the paper, not at that of the wheels, and integrates by the Euler
@@ -81,10 +82,12 @@ def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
     """Return the settings of an estimator. They are set in this order, and a later value
-    overrides an earlier one: INITIAL_SETTINGS, settings of the form (FORM_OF_ESTIMATOR;
-    `form` for estimators that are not in it), settings of the user (`settings`), settings
-    of the case (`about`), settings that the name of the estimator gives
-    (get_overrides())."""
+    overrides an earlier one:
+    1. INITIAL_SETTINGS,
+    2. settings of the form: that of FORM_OF_ESTIMATOR or, if it has none, `form`,
+    3. settings of the user, `settings`,
+    4. settings of the case, `about`,
+    5. settings that the name of the estimator gives (get_overrides())."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORM_OF_ESTIMATOR.get(family, form))
     return Config.exact({**INITIAL_SETTINGS, **forms, **settings, **about, **get_overrides(name)})
@@ -113,13 +116,13 @@ def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
     """Run a function of the user on a drive.
 
     The function of the user gets the log and all settings of tse. It returns stiffnesses
-    and sds [N, N/rad], named as the columns of EST.csv. The result here has these values
-    divided by the nominal stiffnesses, as for all other estimators."""
+    and sds [N, N/rad], named as the columns of EST.csv. _run_yours() returns these values
+    divided by the nominal stiffness."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
     if missing := [s for s in (f"{s}{end}" for s in STIFFNESS for end in ("", "_sd")) if s not in fields]:
-        raise UserError(f"the estimator '{name}' does not return {', '.join(missing)}")
+        raise UserError(f"the function '{name}' must return these columns, too: {', '.join(missing)}")
     out = np.zeros(len(d.rows), [(f, float) for f in fields])
     for f in fields:
         values = np.asarray(answer[f], float)
@@ -133,8 +136,8 @@ def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
 
 def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
-    """Run an estimator on a drive. Return cx_front, cx_front_sd ... of every row,
-    relative to nominal."""
+    """Run an estimator on a drive. Return its outputs in every row. Each stiffness and
+    its sd (such as cx_front and cx_front_sd) are relative to nominal."""
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:

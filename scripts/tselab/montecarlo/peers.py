@@ -29,8 +29,8 @@ from tse.log.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)  # indices of the parts of z
 LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
-# Max product of integration step and fastest decay rate. The relative error of a
-# Runge-Kutta step is then below 0.8^5/120
+# Max product of integration step and fastest decay rate, for accuracy: the error of one
+# Runge-Kutta step is then below 0.8^5/120 = 0.3 % of the state before the step
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
@@ -47,13 +47,15 @@ PEER_DTYPE = np.dtype(
 
 @dataclass(frozen=True)
 class Known:
-    """Arguments of an extended Kalman filter of this file: true values of the simulation,
-    and the forgetting factor."""
+    """Arguments of an extended Kalman filter of this file: true noise sds, true spread
+    and true times of changes of the simulation, and the forgetting factor."""
 
-    spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
+    # sd of each stiffness from sample to sample: for the filter "ekf" relative to
+    # nominal, for the filter "known" relative to the mean stiffness in the row
+    spread: tuple[float, float, float]
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
-    # forgetting factor of the mean stiffness for a time step of the length sample_time, a
-    # setting. The filter "known" has no forgetting, and does not use this value
+    # forgetting factor of the mean stiffness per time of the setting sample_time. The
+    # filter "known" has no forgetting, and does not use this value
     forgetting: float = 0.99
     # steering angle between two rows. True: constant; False: it changes linearly
     held: bool = False
@@ -65,9 +67,10 @@ class Known:
 def compute_accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return accel_x, accel_y and yaw acceleration, equations (1) to (4).
 
-    `c`: parameters of the car. `x`, `w`: states, and deviations of the stiffnesses
-    (equation (5)); each column is a point at which the equations are evaluated. `u`:
-    steering angle, wheel speeds front and rear."""
+    `c`: parameters of the car. `x`: (3, n) vel_x, vel_y [m/s], yaw rate [rad/s]. `w`:
+    (3, n) stiffness / nominal - 1 of the three stiffnesses (equation (5)). The equations
+    are evaluated at each of the n columns. `u`: steering angle [rad], and wheel speeds
+    front and rear [rad/s]."""
     v, (delta, front, rear) = np.maximum(x[0], LOW_SPEED), u
     front, rear = front * c.wheel_radius_front, rear * c.wheel_radius_rear
     fx = c.longitudinal_stiffness_front * (1 + w[0]) * (front - x[0]) / np.maximum(v, abs(front))
@@ -102,8 +105,9 @@ def move(
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    # along, across and yaw, divided by the speed, are the decay rates [1/s] of v_x, v_y
-    # and yaw rate at nominal stiffness. The factor 1.5 allows for a larger stiffness
+    # The decay rates [1/s] of vel_x, vel_y and yaw rate at nominal stiffness are
+    # along / speed, across / speed and yaw / speed. The factor 1.5 is a margin for a
+    # stiffness above nominal
     steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / MAX_STEP_PRODUCT), 1, 50))
     h = dt / steps
     for k in range(steps):
@@ -125,16 +129,18 @@ def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return two masks: the rows in which the states restart, and the measurements that
-    are used in each row. The rules are the same as in tse.
+    are used in each row. The rules resemble those of the paper's filter
+    (src/paper/row.c).
+
+    `known`: whether a row has all inputs, i.e. steering angle and wheel speeds.
 
     A restart sets the speed to that of the wheels, the lateral velocity to 0, and the yaw
-    rate to that of the gyro. The states restart
-    - in the first row,
-    - in each row below hold_speed, and in the first row after such rows,
-    - in each row without inputs (steering angle and wheel speeds; `known` False) that is
-      more than max_gap after the last row with inputs, and in the first row after such
-      rows,
-    - in each row that is more than max_gap after the previous row.
+    rate to that of the gyro. The states restart in each row
+    - that is the first row,
+    - in which a wheel is slower than the setting hold_speed,
+    - whose inputs have been missing for more than the setting max_gap,
+    - that comes directly after a row with low speed, or with inputs missing for so long,
+    - that is more than max_gap after the previous row.
 
     At low speed, in reverse and with a large steering angle the model is not valid, so no
     measurement of such a row is used. In a row without inputs, the filter runs with the
@@ -147,8 +153,8 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    # A restart computes the yaw rate of the state from the measured yaw rate. An update
-    # with the same measurement would use it twice
+    # Measurement 2 is the yaw rate. A restart sets the yaw rate of the state from the
+    # measured yaw rate of the row. So an update must not use this measurement again
     usable[restart, 2] = False
     return restart, usable
 
@@ -170,8 +176,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
     stiffnesses are relative to nominal.
 
     `kind`: "ekf" has a forgetting factor. "known" has no forgetting factor, but increases
-    the variance of the mean stiffness at the known times of changes. `rows`: inputs with
-    the fields of NativeFilter.inputs(); NaN is a missing value."""
+    the variance of the mean stiffness at the times of the true changes, known.changes.
+    `rows`: inputs with the fields of NativeFilter.inputs(); NaN is a missing value."""
     c, is_known = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
@@ -212,8 +218,9 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
         if is_known:
-            # the spread is proportional to the stiffness, as in the simulator. eps is
-            # drawn anew in each row, so that it does not correlate with the other states
+            # As in the simulator, the sd of eps is proportional to the mean stiffness.
+            # eps of this row is independent of all other states, so only its diagonal
+            # block of P is set
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 
 def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
-    """Draw true and estimated stiffness with its 95 % interval over time, and below them
-    steering angle and speed."""
+    """Draw over time: for each stiffness the truth, and the estimate with its 95 %
+    interval; below them steering angle and speed."""
     with open_picture(path) as plt:
         figure, axes = plt.subplots(
             4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
@@ -225,7 +225,8 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
     """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    # the studies "paper" and "robust" have these scores in tables of their own
+    # for the studies "paper" and "robust", the tables of make_findings() contain the
+    # scores of the overview and of the changes
     if plan.study.base not in ("paper", "robust"):
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)

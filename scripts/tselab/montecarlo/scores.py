@@ -1,11 +1,11 @@
 """Score one estimator on one drive. The scores are a row of numbers. In the simulator the
 stiffness varies at random from sample to sample about a mean. All errors are relative to
 this true mean stiffness in the same row. For tyres that saturate, the truth is the secant
-stiffness (force / slip), because an estimator with a linear tyre model converges to it
-(compute_felt_stiffness()).
+stiffness (force / slip): an estimator with a linear tyre model converges to the secant
+stiffness, not to the stiffness at zero slip (compute_felt_stiffness()).
 
-A wrong estimate, or one that is flagged as not valid, counts against an estimator only if
-the stiffness was observable. Observability is computed from the true motion. The
+A wrong estimate, or a right one that is flagged as not valid, counts against an estimator
+only if the stiffness was observable. Observability is computed from the true motion. The
 regressor phi of a stiffness is proportional to the slip: it is the derivative of the
 acceleration with respect to stiffness / nominal, divided by the noise sd of the
 accelerometer. Here phi is computed from the noise-free slips (src/paper/row.c computes it
@@ -54,20 +54,22 @@ SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for
 #   false_valid         of the rows flagged valid: error above DIVERGED_ERROR
 #   false_invalid       of the scored rows with an error below CLOSE: not flagged valid
 #   valid_unobservable  of the rows in which the stiffness is unobservable: flagged valid
-#   reason_right        of these rows: not valid, for one of UNKNOWN_REASONS
+#   reason_right        of the rows in which the stiffness is unobservable: flagged not
+#                       valid, for one of UNKNOWN_REASONS
 #   corrupted_reported  of the rows that a simulated fault has made unusable: not flagged
 #                       valid, or with the status that a measurement is missing
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
-SURE = 0.9  # a change of regime counts as reported if its probability is at least this
+# a change of regime (a change of the stiffness, or a restart of the filter) counts as
+# reported if its probability is at least this
+SURE = 0.9
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
 # [s] a reported change is correct if its time lies between BEFORE seconds before the
 # start and AFTER seconds after the end of a true change. It may lie before the start,
 # because the estimator estimates the time of the change
 BEFORE, AFTER = (0.15, 2.0)
-# OFF: a flag "valid" is wrong if the relative error of the stiffness exceeds OFF.
-# OFF_FOR: [s] length of the interval after an event in which rows with a wrong flag are
-# counted
+# OFF: a stiffness is wrongly flagged as valid if its relative error exceeds OFF.
+# OFF_FOR: [s] rows with such a flag are counted up to this time after an event
 OFF, OFF_FOR = 0.20, 60.0
 # reasons for "not valid" that are correct if the stiffness is not observable
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
@@ -80,9 +82,9 @@ class Knowable:
     are the three stiffnesses."""
 
     best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
-    # (n, 3) true mean stiffness, relative to nominal: the truth for all errors. If tyres
-    # saturate, it is the secant stiffness, averaged over the recent rows in the linear
-    # range
+    # (n, 3) true mean stiffness, relative to nominal: the truth for all errors except
+    # that of wrong "valid" flags after an event (`secant`). If tyres saturate, it is the
+    # secant stiffness (force / slip), averaged over the recent rows in the linear range
     level: np.ndarray
     corrupted: np.ndarray  # (n,) whether a simulated fault has made the row unusable (Case.corrupt)
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
@@ -164,8 +166,8 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_grip(use: np.ndarray) -> np.ndarray:
-    """Return the ratio of secant stiffness to stiffness at zero slip for the tyre of the
-    simulator, by the formula of grip() in src/host/simulate.c.
+    """Return (secant stiffness / stiffness at zero slip) of the tyre of the simulator, by
+    the formula of grip() in src/host/simulate.c. Secant stiffness is force / slip.
 
     `use`: ratio of the force of a linear tyre to the friction limit."""
     z = use / 3
@@ -185,9 +187,10 @@ def compute_felt_stiffness(
     the secant stiffness over these rows, weighted with phi^2.
 
     `mean`: true stiffness at zero slip, relative to nominal. `phi`, `use`: from
-    compute_regressors(). `learning`: whether an estimator learns from each row.
-    `memory`: number of rows. `linear`: rows in which the utilisation `use` of an axle
-    is larger are left out of the mean, because no estimator should learn from them."""
+    compute_regressors(). `learning`: for each row, False if estimators do not learn from
+    it because of low speed, reverse or a large steering angle. `memory`: number of rows.
+    `linear`: a row is left out of the mean if the utilisation `use` of an axle exceeds
+    `linear`, because no estimator should learn from such a row."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
@@ -242,7 +245,7 @@ def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.nd
 
 def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     """Compute from the true motion the best sd that an estimator can reach in each row,
-    and in which rows its errors count."""
+    and the rows in which the errors of an estimator count."""
     c = d.config
     phi, use = compute_regressors(d)
     wheels = np.column_stack(
@@ -263,7 +266,8 @@ def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    # before this time, "starting" is a correct reason for "not valid"
+    # An estimator may flag the first 2 `memory` rows as not valid, with the reason
+    # "starting". So these rows are not scored
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
@@ -340,12 +344,14 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Return the scores of regime changes: the number of reported changes, the number
-    of false ones among them, and three times [s] for each event (true change of the
-    stiffness). The first is the time until the event is detected. The second is the
-    time until all stiffnesses have settled. The third is the total time, within
-    OFF_FOR after the event, in which a stiffness was flagged valid although its
-    relative error was above OFF."""
+    """Return the scores of regime changes. `changes`: number of reported changes.
+    `false_changes`: number of false ones among them. For the n-th event (true change of
+    the stiffness), n from 1:
+    - `detected_n`: [s] time from the event until it is reported; inf if it never is,
+    - `all_settle_n`: [s] time from the event until all stiffnesses have settled; inf if
+      they do not settle before the next event,
+    - `valid_off_n`: [s] total time, within OFF_FOR after the event, in which a stiffness
+      was flagged valid although its relative error was above OFF."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(
