@@ -17,7 +17,7 @@ import click
 
 from tse.errors import Error, NoFile
 
-MAX_OUTPUT_WIDTH = 100  # max width of the output without --verbose
+MAX_OUTPUT_WIDTH = 100  # [characters] max length of a printed line without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")  # suffixes of tables and of pages
 
@@ -62,10 +62,11 @@ class OutputPath(click.Path):
         return path
 
 
-# values of the option --form, which selects filter and settings. "default": the Kalman
-# filter (tse_config_default()). "robust", "paper": the paper's particle filter, with
-# settings that keep it from diverging (tse_config_robust()) or as printed
-# (tse_config_paper())
+# Values of the option --form, which selects filter and settings.
+# default: the Kalman filter (tse_config_default())
+# robust: the paper's particle filter with settings that keep it from diverging
+#         (tse_config_robust())
+# paper: the paper's particle filter as printed (tse_config_paper())
 FORMS = ("default", "robust", "paper")
 DAY = 86400.0  # [s] duration of a day
 MAX_AGE = 40000.0  # [days] max value of --age
@@ -120,9 +121,13 @@ def show_progress(progress: bool | None) -> bool:
 
 
 def convert_age(days: float | None, load_learnt: Path | None) -> float:
-    """Convert the option --age, the age of the learnt state that --load-learnt reads,
-    from days to seconds. Return UNKNOWN_AGE if --age is not given. Raise Error if
-    --age is given without --load-learnt."""
+    """Return the age [s] of a learnt state: the time since an earlier drive saved its
+    filter state. Raise Error if `days` is given without `load_learnt`, or is outside
+    0 .. MAX_AGE.
+
+    `days`: value of --age. None: --age is not given, and UNKNOWN_AGE is returned;
+    tse.estimate() then uses the age of the file. `load_learnt`: file of the learnt state
+    (--load-learnt); None: no learnt state."""
     import tse
 
     if days is None:
@@ -140,7 +145,8 @@ def print_json(document: Any) -> None:
 
 def check_table(path: Path | None) -> None:
     """Raise Error if the file of --table has a wrong suffix or cannot be written. Called
-    before a long run."""
+    before a long run, so that the user gets this error at once. None: --table is not
+    given, and there is no error."""
     from tse import files
 
     if path is None:

@@ -48,6 +48,8 @@ def signals(
 ) -> int:
     """List the signals of a log, and propose which signal is which channel.
 
+    A channel is an input of the estimator, such as yaw_rate in rad/s.
+
     \b
     tselab signals drive.mf4
     tselab signals drive.blf --database car.dbc --vehicle car.toml --write signals.toml
@@ -58,8 +60,8 @@ def signals(
     acceleration is compared with speed times yaw rate, wheel speeds with each other and
     with the yaw rate, longitudinal acceleration with the change of the wheel speeds,
     steering angle with curvature. Each proposed signal is printed with the numbers that
-    support it. Check the written file and correct it. An existing file is not
-    overwritten; remove it first.
+    support it. --write saves the proposal to a file: check this file and correct it. An
+    existing file is not overwritten; remove it first.
 
     For a channel without a proposed signal, the most similar signals are listed, each
     with the reason why it was not proposed.

@@ -103,10 +103,10 @@ def simulate(
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6
     tselab simulate --maneuver straight --out log.csv --set true_bias_yaw_rate=0.01
 
-    With --road, the simulator looks up the distance travelled in the road file. Bank and
-    grade at this distance act on the car, and the log contains the position of the road
-    at this distance. The manoeuvre alone determines the steering: the car does not follow
-    the bends of the road.
+    With --road, the car drives along the road of this file: bank and grade at the
+    distance travelled act on the car. If the file has positions, the log contains the
+    position at this distance. The manoeuvre alone determines the steering: the car does
+    not follow the bends of the road.
     """
     import tse
     from tse import tables
@@ -165,8 +165,8 @@ def simulate(
 
 
 def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    """Parse the values of --road-change, each TIME:LEVEL. Return pairs of time [s] and
-    level, the factor on every stiffness."""
+    """Parse the values of --road-change, each TIME:LEVEL. Return pairs (time [s], level):
+    from this time to that of the next pair, every stiffness is level times nominal."""
     from tse import tables
 
     level = tables.road_level()

@@ -76,17 +76,17 @@ def montecarlo(
     tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
-    Every finished run is kept in DIR/runs.jsonl. After Ctrl-C the same command continues
-    with the remaining runs. If a later command has larger --runs or further --cases, only
-    the missing runs are done. Runs with different settings or a different library are not
-    reused.
+    Every finished run is kept in DIR/runs.jsonl, where DIR is the directory of --out.
+    After Ctrl-C the same command continues with the remaining runs. If a later command
+    has larger --runs or further --cases, only the missing runs are done. Runs with
+    different settings or a different library are not reused.
 
     --study NAME+ekf adds an extended Kalman filter to the estimators of the study NAME.
     All estimators get the same simulated logs. NAME+module.function adds a Python
     function of your own. The function receives the log and the settings, and returns
     columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
 
-    Writes NAME.csv, NAME.md and runs.csv.
+    Writes NAME.csv, NAME.md and runs.csv to DIR.
     """
     from tse import tables
 
@@ -172,15 +172,18 @@ def paper(
     as_json: bool,
 ) -> None:
     """Reproduce Fig. 1 .. 4 of the paper with three filters, and compare the results with
-    the numbers in the paper.
+    the numbers in the paper. The paper is "Tire-Stiffness Estimation by Marginalized
+    Adaptive Particle Filter" (2016), from which tse starts.
 
     \b
     tselab paper
     tselab paper --runs 40 --jobs 2 --out paper
 
     The three filters are the paper's filter as printed, the same filter with settings
-    that keep it from diverging, and the default filter. Every finished run is kept in
-    DIR/runs.jsonl. After Ctrl-C the same command continues with the remaining runs. The
-    command writes paper.csv, paper.md, runs.csv and, with matplotlib, paper.png.
+    that keep it from diverging, and the default filter.
+
+    Every finished run is kept in DIR/runs.jsonl, where DIR is the directory of --out.
+    After Ctrl-C the same command continues with the remaining runs. The command writes
+    paper.csv, paper.md, runs.csv and, if matplotlib is installed, paper.png to DIR.
     """
     _run_study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

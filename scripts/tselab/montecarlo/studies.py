@@ -1,4 +1,9 @@
-"""The cases of all studies, and the manoeuvres and faults of logs that they need."""
+"""The cases of all studies, and what only these cases need: manoeuvres, and functions
+that put faults, such as lost values, into a simulated log.
+
+A case is a manoeuvre with settings and possibly faults (class Case). "The paper" is the
+one that docs/pages/method/paper.md names.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,7 +23,9 @@ from tselab.montecarlo.estimators import PEERS, VARIANTS, get_overrides
 # ---- Manoeuvres that only studies need. Each function takes the car, the settings of the
 # simulator and a random generator, and returns a Maneuver.
 
-WAVE_STEER, WAVE_TORQUE = 0.02, 700.0  # [rad], [Nm] amplitudes of the paper's square waves
+# Amplitudes of the square waves in Sec. IV-A of the paper: steering angle [rad], and
+# drive torque [Nm], the sum of both front wheels
+WAVE_STEER, WAVE_TORQUE = 0.02, 700.0
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # [rad], [1] amplitudes of steering and slip at low excitation
 
 
@@ -32,11 +39,12 @@ def drive_square_waves(
     torque: float | None = WAVE_TORQUE,
     road: tuple[tuple[float, float], ...] = (),
 ) -> Maneuver:
-    """Return the paper's square waves of steering and torque.
+    """Return square waves of steering and drive torque, as in Sec. IV-A of the paper.
 
-    `torque` [Nm]; None: the torque that causes the slip LOW_SLIP. `road`: changes of
-    the road surface, as pairs of a time [s] and the factor by which every stiffness is
-    multiplied from this time on, until the next change."""
+    `steer` [rad], `torque` [Nm]: amplitudes. The torque is the sum of both front wheels.
+    None: the torque that causes the slip LOW_SLIP. `road`: pairs of a time [s] and a
+    factor. From this time to that of the next pair, every stiffness is the factor times
+    nominal. Before the first pair, every stiffness is nominal."""
     m = maneuvers.build(
         "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
     )
@@ -46,9 +54,9 @@ def drive_square_waves(
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
     """Return the torque [Nm] on the front axle that causes the constant slip `slip` of
-    this axle. The tyre force of the front axle accelerates the car and its rear
-    wheels, which are not driven. The torque has two parts: one balances this tyre
-    force, the other accelerates the front wheels at the same rate."""
+    this axle. The tyre force of the front axle accelerates the car and its rear wheels,
+    which are not driven. The torque balances this tyre force, and also gives the front
+    wheels the acceleration of the car."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -96,8 +104,8 @@ def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
 
 PULSES = (20.0, 45.0)  # [s] times at which the front wheels lock or spin
 PULSES_END = 75.0  # [s] end of the drive
-LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # [Nm] torque of the front brakes, [s] its duration
-SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # [Nm] torque on the front wheels, [s] its duration
+LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # [Nm] brake torque, sum of both front wheels; [s] its duration
+SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # [Nm] drive torque, sum of both front wheels; [s] its duration
 
 
 def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
@@ -188,10 +196,10 @@ LANE_PERIOD = (6.0, 12.0)  # [s] range of the periods of steering while keeping 
 def _make_waves(
     t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
 ) -> np.ndarray:
-    """Return the sum of two sines of random period and phase. The sum of their amplitudes
-    is random, too.
+    """Return a steering angle [rad]: the sum of two sines of random period and phase. One
+    sine has 70 %, the other 30 % of a total amplitude, which is random, too.
 
-    `size`: range of the sum of the amplitudes. `period`: [s] range of the periods."""
+    `size`: [rad] range of the total amplitude. `period`: [s] range of each period."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
 
@@ -202,15 +210,18 @@ PART = (20.0, 60.0)  # [s] range of the duration of a part of the drive
 SPEEDS = (8.0, 35.0)  # [m/s] range of the random speeds of the parts
 SPEED_CHANGE = 1.5  # [m/s2] acceleration or deceleration from the speed of a part to that of the next
 LATERAL_PEAK_RANGE = (0.5, 2.5)  # [m/s2] range of the max lateral acceleration of a part
-SQUARE_WAVE_ACCEL = 1.0  # [m/s2] longitudinal acceleration in a part with square waves
+# [m/s2] amplitude of the square wave of longitudinal acceleration in a part that has a
+# square wave of steering
+SQUARE_WAVE_ACCEL = 1.0
 
 
 def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
-    """Return ordinary driving on an unchanged road surface, so that the true stiffness
-    is constant and every reported change is false. The drive is a random sequence of
-    parts, each with one kind of steering: lane keeping, square waves, random steering,
-    or none (straight ahead). Each part has a random speed, and begins with the change
-    to this speed."""
+    """Return ordinary driving on an unchanged road surface. The true stiffness is
+    constant, so every change of stiffness that an estimator reports is a false alarm.
+
+    The drive is a random sequence of parts, each with one kind of steering: lane keeping,
+    square waves, random steering, or none (straight ahead). Each part has a random speed,
+    and begins with the change to this speed."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
@@ -309,7 +320,7 @@ DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Study:
-    """A study: a list of cases."""
+    """A list of cases. A case is a manoeuvre with settings and possibly faults."""
 
     # name of the study and, each after a "+", names of estimators that are added to all
     # cases. Example: "stress+ekf"

@@ -1,5 +1,5 @@
-"""Make tables from the scores of all runs. The runs of a case and estimator are combined
-in one line, with means and confidence intervals."""
+"""Make tables from the scores of all runs. All runs of one estimator in one case are
+combined in one row, with means or RMS values, and confidence intervals."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ HEADS = {"cx_front": "Cx front", "cy_front": "Cy front", "cy_rear": "Cy rear"}
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the Markdown file."""
+    """A table in NAME.md, the file with the results of the study NAME."""
 
     title: str
     head: list[str]
@@ -48,10 +48,12 @@ def compute_rms(squares: np.ndarray) -> np.ndarray:
 def bootstrap_interval(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
-    """Return the bootstrap percentile interval of a statistic, or NaN for fewer than
-    two runs. The last axis of `values` has one entry for each run. Whole runs are
-    resampled with replacement: if `values` has several entries per run, such as
-    numerator and denominator of a ratio, they stay together."""
+    """Return the ends of the 95 % bootstrap interval (percentile method) of a statistic.
+    For fewer than two runs, both ends are NaN.
+
+    `values`: one entry for each run along the last axis. Runs are resampled with
+    replacement. If a run has several values, such as numerator and denominator of a
+    ratio, these values are drawn together."""
     values = np.asarray(values, float)
     n = values.shape[-1]
     if n < 2:
@@ -88,8 +90,9 @@ def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
 
 
 def summarise(plan: StudyPlan, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with a line for each case and estimator. Errors and shares are in
-    percent, times in seconds.
+    """Return a table with a row for each pair of case and estimator. Errors are in
+    percent of the true mean stiffness, shares in percent of runs or of log rows. Times
+    are in seconds, unless the name of the column states another unit.
 
     `runs`: the scores of all runs, from engine.run_study()."""
     lines = []
@@ -109,9 +112,10 @@ def select_runs(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
 
 
 def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
-    """Return the line of one case and estimator: its scores, combined over the runs.
+    """Return the scores of an estimator in a case, combined over all runs: one row of
+    summarise().
 
-    `part`: scores of all runs of this case and estimator."""
+    `part`: scores of these runs, a row for each run."""
     n = len(part)
     line: dict[str, float] = {
         "runs": n,
@@ -161,11 +165,11 @@ def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
-    """Return a share [%]: the sum of its numerators over all runs and over the
-    stiffnesses `keys`, divided by the same sum of its denominators. Return NaN if the
-    denominator is 0.
+    """Return a share of log rows [%], pooled over all runs and over the stiffnesses
+    `keys`: sum of the numerators / sum of the denominators. Return NaN if the sum of the
+    denominators is 0.
 
-    `share`: one of scores.SHARES."""
+    `share`: name of the share in scores.SHARES, e.g. "false_valid"."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
     among = sum(part[f"{k}_{share}_of"].sum() for k in keys)
     return 100 * count / among if among else np.nan
@@ -190,10 +194,10 @@ def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") ->
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
     """Return two cells with settling times [s] after an event, i.e. a change of the true
-    stiffness. First cell: time until the error stays below CLOSE for SETTLED_FOR. Second
-    cell: time until the error stays below CLOSE up to the next event. Each cell has the
-    median of the runs and, in brackets, the max. Median and max are computed for each
-    stiffness, and the largest of the three values is printed.
+    stiffness. First cell: time until the error stays below 10 % for 1 s (scores.CLOSE,
+    scores.SETTLED_FOR). Second cell: time until the error stays below 10 % up to the next
+    event. Each cell has the median of the runs and, in brackets, the max. Median and max
+    are computed for each stiffness, and the largest of the three values is printed.
 
     `event`: number of the event in the case, from 1."""
     cells = []
@@ -240,9 +244,10 @@ LEGEND = (
 
 
 def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
-    """Return a table of all cases and estimators: number of runs that diverged, errors of
-    the stiffnesses, coverage of their intervals, correctness of the flags "valid", and
-    estimated spread (sd of the stiffness from sample to sample).
+    """Return a table with a row for each pair of case and estimator. Its main columns are
+    the number of runs that diverged, the errors of the stiffnesses, the coverage of their
+    95 % intervals, the shares of wrong flags "valid", and the spread, i.e. the estimate
+    of the sd of the true stiffness from sample to sample. LEGEND explains all columns.
 
     `summary`: from summarise()."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
@@ -329,8 +334,9 @@ PAPERS = ("printed", "robust", "tse")
 
 
 def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return a table that compares the numbers in the paper with the results of three
-    filters: the paper's filter as printed, its robust form, and the default filter."""
+    """Return a list with one table. It compares Fig. 1 .. 4 of the paper with the results
+    of three filters: the paper's filter as printed, the same filter with settings that
+    keep it from diverging ("robust"), and the default filter."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
@@ -606,10 +612,9 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Format the times until an event, one for each run, as "median (max)". A time is
-    inf if the event did not happen in this run, for example because a change was not
-    detected. If there are such runs, the result is "median (never: number of these
-    runs)"."""
+    """Return times [s], one for each run, as the text "median (max)". A time of inf means
+    "never", e.g. that a change was not detected. If n > 0 times are inf, the text is
+    "median (never: n)". NaN values are left out. Without other values the text is "-"."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
