@@ -201,8 +201,9 @@ typedef struct tse_config {
   tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) of the paper,
                                                  * with small angles; 1: exact equations; in between:
                                                  * linear interpolation */
-  tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; loss of steering angle /
-                                                     * moment about the steering axis */
+  tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; decrease of the road-
+                                                     * wheel angle / moment of the front lateral force
+                                                     * about the steering axis */
   tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever arm of the lateral force
                                                  * about the steering axis */
   tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; ratio of the steering angle of the
@@ -243,7 +244,8 @@ typedef struct tse_config {
   tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; the gain k of the load transfer is
                                                    * multiplied by 1 + balance in front and by 1 - balance
                                                    * in the rear; negative if the front axle has the higher
-                                                   * load: its stiffness then changes less with load */
+                                                   * load: the load transfer is then a smaller share of its
+                                                   * load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k in the cornering
                                                  * stiffness C (1 - k accel_y^2) of both axles */
   tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; the gain k of the load transfer is
@@ -276,9 +278,9 @@ typedef struct tse_config {
   tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; distance of the centre of pressure in
                                                  * front of the centre of gravity */
   tse_setting conicity_front;                   /* [N] 0, -2000 .. 2000; lateral force of the front axle at
-                                                 * zero slip angle */
+                                                 * zero slip angle, positive left */
   tse_setting conicity_rear;                    /* [N] 0, -2000 .. 2000; lateral force of the rear axle at
-                                                 * zero slip angle */
+                                                 * zero slip angle, positive left */
   tse_setting aligning_moment_trail;            /* [m] 0.03, -0.2 .. 0.2; distance behind an axle at which
                                                  * its lateral force acts */
   tse_setting imu_lever_arm_x;                  /* [m] 0, -4 .. 4; position of the IMU in front of the
@@ -289,9 +291,9 @@ typedef struct tse_config {
                                                  * acceleration; positive: the body leans out of the curve */
   tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
-  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
-                                                 * minus body_roll_coupling; the difference is about the
-                                                 * height of the IMU above the centre of gravity */
+  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis
+                                                 * minus body_roll_coupling, i.e. about the height of the
+                                                 * IMU above the centre of gravity */
   tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; (sprung mass / mass of the car)
                                                  * times (height of the centre of gravity of the sprung
                                                  * mass above the roll axis); this length times the roll
@@ -413,10 +415,10 @@ typedef struct tse_config {
                                                  * be due to sensor noise; 2: no limit (the paper); no
                                                  * effect in the default filter */
   tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of a random factor of mean
-                                                 * 1 by which Lambda, the scale matrix of the stiffness
-                                                 * covariance, of each particle is multiplied after
-                                                 * resampling, so that copies of a particle differ; 0: no
-                                                 * factor (the paper); no effect in the default filter */
+                                                 * 1. This factor multiplies the scale matrix Lambda of the
+                                                 * stiffness covariance of each particle after resampling,
+                                                 * so that copies of a particle differ; 0: no factor (the
+                                                 * paper); no effect in the default filter */
   tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu:
                                                  * initial_spread has the weight of this many samples; no
                                                  * effect in the default filter */

@@ -81,8 +81,8 @@ typedef struct tse_output {
   tse_real nis[5];               /* [1] normalised innovation squared of the five channels of `innovation`.
                                   * Model errors cause a slowly varying part of the innovation, which is
                                   * estimated and subtracted first. The mean of nis over many rows is 1 if
-                                  * model and settings fit; 0 if the channel was not used; default filter
-                                  * only */
+                                  * model and settings fit. 0: the channel was not used in this row;
+                                  * default filter only */
   tse_real fault_factor;         /* [1] factor by which the channel that contradicts the others
                                   * (fault_channel) is too large, such as 57.3 for degrees in place of
                                   * radians, or -1 for a wrong sign; 0: no channel contradicts the others,

@@ -161,8 +161,10 @@
   NUMBER(change_cy_rear, change_ratio[2], "1", \
       "rear cornering stiffness now / before the last change; 1 before the first change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
-      "1 + index of the channel that contradicts the other channels or, if there is none, of the channel " \
-      "that most probably has a fault; 0: no such channel") \
+      "number of the channel that contradicts the other channels or, if there is none, of the channel " \
+      "that most probably has a fault: 1 steer_angle, 2 wheel_speed_front, 3 wheel_speed_rear, 4 accel_x," \
+      " 5 accel_y, 6 yaw_rate; from 7 on the optional channels in the order of the constants " \
+      "TSE_OPTIONAL_...; 0: no such channel") \
   NUMBER(discrepancy_accel_x, discrepancy[0], "m/s2", \
       "sd of the model discrepancy of accel_x, the part that the model does not explain: setting model_sd" \
       " times the recent rms of accel_x") \
@@ -180,7 +182,7 @@
   NUMBER(nis_accel_x, nis[0], "1", \
       "normalised innovation squared of accel_x. Model errors cause a slowly varying part of the " \
       "innovation, which is estimated and subtracted first. The mean of nis over many rows is 1 if model " \
-      "and settings fit; 0 if accel_x was not used; default filter only") \
+      "and settings fit. 0: accel_x was not used in this row; default filter only") \
   NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
   NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \

@@ -38,10 +38,10 @@
                                           * (model_sd / USUAL_MODEL_SD)^2 */
 #define SLIP_SD TSE_R(0.02)              /* [1] sd of the slip that throttle and brake cause at an axle */
 #define SLIP_TIME TSE_R(2.0)             /* [s] correlation time of the slip that throttle and brake cause */
-#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] sd of the change of a state in 1 s by the process
-                                          * noise of a random walk, divided by the unit of the state
-                                          * (states of the motion; units in src/model/car.h) or by the
-                                          * prior sd of the state (slow states other than biases) */
+#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] random-walk process noise: sd of the change of a
+                                          * state in 1 s. For states of the motion it is relative to the
+                                          * unit of the state (src/filter/units.c), for slow states other
+                                          * than biases relative to the prior sd of the state */
 #define BANK_SD TSE_R(0.15)              /* [m/s2] sd of the lateral component of gravity: a bank of 1.5 % */
 #define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of gravity along and across the road
                                           * (grade and bank). It is also a time limit: if no wheel speed is

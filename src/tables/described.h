@@ -412,16 +412,17 @@ static const tse_effect_row effect_rows[] = {
   { "steering_compliance", "SLIP", "steering compliance",
     "front axle", "none: the front cornering stiffness compensates",
     "cornering_stiffness_front",
-    "the default filter uses it, the paper's does not; if it is set, the estimated stiffness excludes"
-        " it, otherwise the stiffness includes it",
+    "the default filter uses it, the paper's does not; if the setting is 0, the estimated front "
+        "cornering stiffness includes the compliance, otherwise the stiffness is that of the tyres alone",
     TSE_EFFECT_steering_compliance, "default", "ABSORBED",
     "", 0.0 },
   { "rear_roll_steer", "SLIP", "rear roll steer, with the lag of the roll",
     "rear axle", "yaw_rate: phase at 1-2 Hz",
     "cornering_stiffness_rear, aligning_moment",
-    "the default filter uses it, the paper's does not; if it is not set, the rear cornering stiffness"
-        " includes its static part; roll is ignored unless body_roll_gain is 0; frequency is ignored "
-        "unless body_roll_gain is 0; damping is ignored unless body_roll_gain is 0",
+    "the default filter uses it, the paper's does not; if the setting gain is 0, the estimated rear "
+        "cornering stiffness includes the influence of roll steer in steady cornering; roll is ignored "
+        "unless body_roll_gain is 0; frequency is ignored unless body_roll_gain is 0; damping is ignored "
+        "unless body_roll_gain is 0",
     TSE_EFFECT_rear_roll_steer, "default", "SOME_CARS",
     "", 0.0 },
   { "relaxation", "LAG", "relaxation length of the lateral force",
@@ -443,13 +444,13 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_stiffness_drift, "none", "SOME_CARS",
     "", 0.0 },
   { "combined_slip", "STIFFNESS", "lateral force falls with longitudinal slip",
-    "front axle, rear axle", "accel_y, yaw_rate: |accel_x| > 2 and |accel_y| > 2",
+    "front axle, rear axle", "accel_y, yaw_rate: |accel_x| > 2 m/s2 and |accel_y| > 2 m/s2",
     "longitudinal_load_transfer, tyre_saturation",
     "no filter uses it, simulator and replay do",
     TSE_EFFECT_combined_slip, "none", "EVERY_CAR",
     "", 0.0 },
   { "tyre_saturation", "GRIP", "lateral force saturates",
-    "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4",
+    "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4 m/s2",
     "lateral_load_transfer, combined_slip, stiffness_drift",
     "the default filter uses it, the paper's does not; inverse_friction is ignored unless grip is 0",
     TSE_EFFECT_tyre_saturation, "default", "EVERY_CAR",
@@ -461,7 +462,7 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_longitudinal_load_transfer, "default", "EVERY_CAR",
     "", 0.0 },
   { "lateral_load_transfer", "STIFFNESS", "lateral load transfer",
-    "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4",
+    "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4 m/s2",
     "tyre_saturation",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_lateral_load_transfer, "default", "EVERY_CAR",

@@ -61,7 +61,7 @@ enum {
   MEMORY(late, 50, 2, "first", "x with a delay of y s") \
   MEMORY(play, 51, 2, "first", "x after a play (hysteresis) of y to either side") \
   MEMORY(limit, 52, 2, "first", "x, with its rate of change limited to y per second") \
-  MEMORY(rate, 53, 1, "rate", "rate of change of x per second")
+  MEMORY(rate, 53, 1, "rate", "time derivative of x, per second")
 // clang-format on: end of table
 
 #define FORMULA_CODE(name, code, takes, unit, text) FORMULA_OP_##name = code,

@@ -38,7 +38,8 @@
       "0: equations (1) to (4) of the paper, with small angles; 1: exact equations; in between: linear " \
       "interpolation", 1, 1, 1.0, 1.0, 0.2) \
   ROW(REAL, steering_compliance, angle_per_moment, 0.0, 0.0, 0.0, 0.001, "rad/(N m)", \
-      "loss of steering angle / moment about the steering axis", 1, 1, 3.5e-05, 8.7e-05, 1e-05) \
+      "decrease of the road-wheel angle / moment of the front lateral force about the steering axis", 1, 1, \
+      3.5e-05, 8.7e-05, 1e-05) \
   ROW(REAL, steering_compliance, trail, 0.03, 0.03, 0.001, 0.2, "m", \
       "lever arm of the lateral force about the steering axis", -1, 1, 0.02, 0.05, 0.0) \
   ROW(REAL, rear_roll_steer, gain, 0.0, 0.0, -0.5, 0.5, "1", \
@@ -81,8 +82,8 @@
       "ax: acceleration by the longitudinal tyre forces", 1, 1, 0.02, 0.04, 0.004) \
   ROW(REAL, longitudinal_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
       "the gain k of the load transfer is multiplied by 1 + balance in front and by 1 - balance in the " \
-      "rear; negative if the front axle has the higher load: its stiffness then changes less with load", 0, \
-      0, -0.3, 0.3, 0.0) \
+      "rear; negative if the front axle has the higher load: the load transfer is then a smaller share of" \
+      " its load", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, lateral_load_transfer, gain, 0.002, 0.0, -0.003, 0.03, "s4/m2", \
       "k in the cornering stiffness C (1 - k accel_y^2) of both axles", 1, 1, 0.002, 0.005, 0.0004) \
   ROW(REAL, lateral_load_transfer, balance, 0.0, 0.0, -1.0, 1.0, "1", \
@@ -114,9 +115,9 @@
   ROW(REAL, crosswind, arm, 0.45, 0.45, -3.0, 3.0, "m", \
       "distance of the centre of pressure in front of the centre of gravity", 0, 0, 0.3, 0.6, 0.0) \
   ROW(REAL, conicity, front, 0.0, 0.0, -2000.0, 2000.0, "N", \
-      "lateral force of the front axle at zero slip angle", 1, 0, 50.0, 150.0, 20.0) \
+      "lateral force of the front axle at zero slip angle, positive left", 1, 0, 50.0, 150.0, 20.0) \
   ROW(REAL, conicity, rear, 0.0, 0.0, -2000.0, 2000.0, "N", \
-      "lateral force of the rear axle at zero slip angle", 1, 0, 50.0, 150.0, 20.0) \
+      "lateral force of the rear axle at zero slip angle, positive left", 1, 0, 50.0, 150.0, 20.0) \
   ROW(REAL, aligning_moment, trail, 0.03, 0.0, -0.2, 0.2, "m", \
       "distance behind an axle at which its lateral force acts", 1, 1, 0.02, 0.04, 0.005) \
   ROW(REAL, imu_lever_arm, x, 0.0, 0.0, -4.0, 4.0, "m", \
@@ -130,8 +131,8 @@
       0.0) \
   ROW(REAL, body_roll, damping, 0.3, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, 0.0) \
   ROW(REAL, body_roll, height, 0.0, 0.0, -1.0, 1.5, "m", \
-      "height of the IMU above the roll axis, minus body_roll_coupling; the difference is about the " \
-      "height of the IMU above the centre of gravity", 0, 0, 0.0, 0.6, 0.0) \
+      "height of the IMU above the roll axis minus body_roll_coupling, i.e. about the height of the IMU " \
+      "above the centre of gravity", 0, 0, 0.0, 0.6, 0.0) \
   ROW(REAL, body_roll, coupling, 0.4, 0.0, -0.5, 1.0, "m", \
       "(sprung mass / mass of the car) times (height of the centre of gravity of the sprung mass above " \
       "the roll axis); this length times the roll acceleration is added to the lateral acceleration of " \
@@ -388,9 +389,9 @@
       "max estimated sample-to-sample sd of a stiffness, relative to nominal; a larger estimate would be " \
       "due to sensor noise; 2: no limit (the paper); no effect in the default filter") \
   REAL("filter.spread_kernel", spread_kernel, 0.0, 0.0, 0.0, 0.5, "1", \
-      "relative sd of a random factor of mean 1 by which Lambda, the scale matrix of the stiffness " \
-      "covariance, of each particle is multiplied after resampling, so that copies of a particle differ; " \
-      "0: no factor (the paper); no effect in the default filter") \
+      "relative sd of a random factor of mean 1. This factor multiplies the scale matrix Lambda of the " \
+      "stiffness covariance of each particle after resampling, so that copies of a particle differ; 0: no" \
+      " factor (the paper); no effect in the default filter") \
   REAL("filter.initial_dof", initial_dof, 7.0, 7.0, 6.0, 1000.0, "1", \
       "initial degrees of freedom nu: initial_spread has the weight of this many samples; no effect in " \
       "the default filter") \
