@@ -1,5 +1,5 @@
 # Find out whether tests and FMUs can be built: whether the third-party sources that they
-# need are present or can be fetched. The library needs no such sources, so that it can be
+# need are present or can be fetched. The library needs no such sources, so it can be
 # configured without network and Python. Without a C++ compiler, tests that need one are
 # left out.
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
@@ -7,7 +7,7 @@ set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
 string(CONCAT tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, "
   "which scripts/setup.sh puts into .venv/share/unity")
 string(CONCAT tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, "
-  "which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 into .venv/share/fmi3")
+  "which scripts/setup.sh puts into .venv/share/fmi2; the headers of FMI 3.0 are in .venv/share/fmi3")
 
 # Set `result` to ON if FetchContent can get the sources `name` (unity or fmi2), else OFF.
 function(tse_obtainable name result)
@@ -21,7 +21,7 @@ function(tse_obtainable name result)
     set(${result} ON PARENT_SCOPE)
     return()
   endif()
-  # tests/CMakeLists.txt then uses an installed Unity
+  # With CMake 3.24 or later, tests/CMakeLists.txt can also use an installed Unity
   if(name STREQUAL "unity" AND NOT CMAKE_VERSION VERSION_LESS 3.24)
     find_package(unity QUIET CONFIG)
     if(unity_FOUND)

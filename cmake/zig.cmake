@@ -8,13 +8,13 @@
 # scripts/dev/release.py has a list of targets.
 if(NOT TSE_ZIG OR NOT TSE_ZIG_TARGET)
   message(FATAL_ERROR "cmake/zig.cmake needs -DTSE_ZIG=<path of the program zig> "
-    "and -DTSE_ZIG_TARGET=<target, as x86_64-windows-gnu>")
+    "and -DTSE_ZIG_TARGET=<target, such as x86_64-windows-gnu>")
 endif()
 set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES TSE_ZIG TSE_ZIG_TARGET)
 string(REGEX MATCH "^[^-]+" CMAKE_SYSTEM_PROCESSOR "${TSE_ZIG_TARGET}")
 if(TSE_ZIG_TARGET MATCHES "-windows")
   set(CMAKE_SYSTEM_NAME Windows)
-  # CMake requires one on Windows, but there are no resources to compile
+  # CMake requires a resource compiler for Windows, but there are no resources to compile
   set(CMAKE_RC_COMPILER "${TSE_ZIG}" CACHE FILEPATH "")
 elseif(TSE_ZIG_TARGET MATCHES "-macos")
   set(CMAKE_SYSTEM_NAME Darwin)

@@ -8,7 +8,7 @@
 #     platforms   a compiler that builds FMUs for all platforms
 #     logs        readers of MF4, bus logs, ROS, MAT 7.3
 #     openpilot   reader of the logs of openpilot
-#     docs        tools that build the site (scripts/dev/docs.sh), and its tests need
+#     docs        tools to build the site (scripts/dev/docs.sh) and to test it
 #     release     tools of scripts/dev/release.sh
 #     machines    compilers and emulators of other machines (scripts/dev/platforms.py,
 #                 scripts/dev/budgets.py)
@@ -206,7 +206,7 @@ for extra in "$@"; do
   say "Python packages for $extra"
   if [ "$extra" = release ]; then                 # fixed versions, so that a release can be repeated
     scripts/dev/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
-      || fail "$(cat .venv/tse-lock.log)" "A release needs the packages of scripts/lock-release.txt by hash."
+      || fail "$(cat .venv/tse-lock.log)" "A release needs the packages and hashes of scripts/lock-release.txt."
   fi
   if install_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"

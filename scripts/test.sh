@@ -78,7 +78,7 @@ preset() {                           # configure, build and test one preset
 
 ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
-python_tests() {                     # run in several processes; tests/conftest.py makes the groups
+python_tests() {                     # run in several processes; tests/conftest.py assigns tests to them
   # A process that crashes is not restarted: pytest-xdist would repeat the crashing test
   # forever.
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
@@ -100,9 +100,9 @@ for name in "${presets[@]}"; do
   step "$name" preset "$name"
 done
 [ -n "${CXX:-}" ] || command -v c++ >/dev/null \
-  || skip "C++" "no C++ compiler is installed; the sources were compiled as C"
+  || skip "C++" "no C++ compiler is installed; the sources were compiled as C only"
 command -v pkg-config >/dev/null || command -v pkgconf >/dev/null \
-  || skip "pkg-config" "not installed; the other consumer builds ran"
+  || skip "pkg-config" "not installed; the test of the installed library used CMake only"
 step pytest python_tests
 [ "${#heavy[@]}" -gt 0 ] || skip "long tests" "scripts/test.sh --all runs them, as CI does"
 

@@ -9,12 +9,14 @@
 #   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise]
 #                       [--table FILE]
 #     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...;
-#                   float_step, fixed_step ...; reader_log, reader_vehicle ... (all)
+#                   float_step, fixed_step ...; reader_log, reader_vehicle ...
+#                   Default: all
 #     --runs N      number of inputs of each target. Example: 1000000
-#     --seconds S   [s] time of each target. With --runs, too, the search ends at the
-#                   limit that is reached first. Without both options, each target takes
-#                   3 s, and all targets take a minute
-#     --seed N      seed of the random numbers; it makes --runs repeatable (random)
+#     --seconds S   [s] time of each target. If --runs is given, too, a target ends at the
+#                   limit that it reaches first. If neither option is given, each target
+#                   takes 3 s, and all targets take a minute
+#     --seed N      seed of the random numbers: repeats a search with --runs. Default: a
+#                   random seed
 #     --minimise    reduce the inputs of each target to those that are needed to reach the
 #                   same code, keep at most 40 of them, and write these to
 #                   tests/fuzz/inputs.hex
@@ -91,7 +93,7 @@ fuzz() {                                      # fuzz NAME PRESET TARGET: run one
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
   # With a seed, a run must be repeatable. Switch off two methods of libFuzzer that are
   # not: use_cmp uses values that contain addresses, and entropic chooses inputs by their
-  # time.
+  # run time.
   [ -n "$seed" ] && limits+=("-seed=$seed" -use_cmp=0 -entropic=0)
   rm -rf "$given"
   python3 tests/fuzz/inputs.py unpack "$target" "$given"

@@ -8,9 +8,9 @@
 #                 needs clang 19 or later
 #     python [ARGUMENTS]
 #                 measure statements and branches of the Python packages that tests cover:
-#                 all tests, or those of pytest ARGUMENTS. There is no limit. Takes half
-#                 an hour. Tests of a full disk fail, because the coverage data cannot be
-#                 written to the full disk either
+#                 all tests, or those of pytest ARGUMENTS. No minimum is required. Takes
+#                 half an hour. Tests of a full disk fail, because the coverage data
+#                 cannot be written to the full disk either
 #     mutation [--count N] [--seed S] [--all] [--only PART]
 #                 insert small faults into the core, and measure the share that unit tests
 #                 and golden replay find. 300 faults take half an hour, all faults a day
@@ -19,7 +19,7 @@
 #                 is violated without a documented deviation. Takes 90 s
 #     eva [--format F] [TARGET ...]
 #                 analyse tse_prepare, tse_learnt_load and tse_step with EVA of Frama-C.
-#                 Fails on an alarm without an explanation
+#                 Fails on an alarm that tests/proof/eva.toml does not explain
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 case ${1:-} in

@@ -11,9 +11,10 @@
 #   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
 #       Run all filters on long random drives with random settings (tests/fuzz/drives.c),
 #       in double, float, fixed point and the small build. Fail if a number is out of
-#       range, if tse_filter_check() refuses a state, if an age does not grow, or if an
-#       estimate depends on whether the caller asked for outputs. Default: 10,000,000 rows
-#       in each build, 15 minutes on one core. Writes scripts/results/drives.md.
+#       range, if tse_filter_check() refuses a state, if the age of the last change does
+#       not grow, or if an estimate depends on whether the caller asked for outputs.
+#       Default: 10,000,000 rows in each build, 15 minutes on one core. Writes
+#       scripts/results/drives.md.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
@@ -42,9 +43,9 @@ if [ "${1:-}" = --drives ]; then
       "$(git rev-parse --short=8 HEAD 2>/dev/null || echo unknown)"
     printf 'Random settings, faults, pauses, optional channels and learnt states\n'
     printf '(tests/fuzz/drives.c). Found: number of rows in which a number is out of range,\n'
-    printf 'tse_filter_check() refuses the state, a refused row changes the state, an age does not\n'
-    printf 'grow, or an estimate depends on whether the previous row had an output. A drive in which\n'
-    printf 'something was found is a test since (tests/fuzz/CMakeLists.txt).\n\n'
+    printf 'tse_filter_check() refuses the state, a refused row changes the state, the age of the\n'
+    printf 'last change does not grow, or an estimate depends on whether the previous row had an\n'
+    printf 'output. Drives in which something was found are tests now (tests/fuzz/CMakeLists.txt).\n\n'
     printf '| build | rows | found |\n|---|---|---:|\n'
     cat "$table"
   } >scripts/results/drives.md

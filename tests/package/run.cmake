@@ -37,7 +37,7 @@ function(consume from)
 endfunction()
 
 file(REMOVE_RECURSE "${WORK}")
-# Installed in one place, used in another: nothing may hold on to the prefix.
+# Rename the folder of the installation: no installed file may contain its path.
 run("install" "${CMAKE_COMMAND}" --install "${TSE_BUILD}" --config "${CONFIG}" --prefix "${WORK}/staged")
 file(RENAME "${WORK}/staged" "${WORK}/prefix")
 
@@ -50,7 +50,7 @@ endif()
 execute_process(COMMAND ${configure} -S "${CMAKE_CURRENT_LIST_DIR}" -B "${WORK}/newer" -DTSE_FROM=package
   "-DCMAKE_PREFIX_PATH=${WORK}/prefix" -DTSE_VERSION=99.0 RESULT_VARIABLE result OUTPUT_QUIET ERROR_QUIET)
 if(result EQUAL 0)
-  message(FATAL_ERROR "find_package(tse 99.0) took version ${VERSION}")
+  message(FATAL_ERROR "find_package(tse 99.0) accepted version ${VERSION}")
 endif()
 
 # ---- without CMake
@@ -64,11 +64,11 @@ else()
   file(GLOB_RECURSE pc "${WORK}/prefix/*/tse.pc")
   get_filename_component(pc_dir "${pc}" DIRECTORY)
   set(ENV{PKG_CONFIG_PATH} "${pc_dir}")
-  set(ENV{LD_LIBRARY_PATH} "${pc_dir}/..")         # where a shared build is found at run time
+  set(ENV{LD_LIBRARY_PATH} "${pc_dir}/..")         # folder of the shared library, for the program
   run("pkg-config --modversion" "${pkg_config}" --modversion tse)
   string(STRIP "${output}" output)
   if(NOT output STREQUAL VERSION)
-    message(FATAL_ERROR "tse.pc says version ${output}, the library is ${VERSION}")
+    message(FATAL_ERROR "tse.pc has version ${output}, but the library has version ${VERSION}")
   endif()
   run("pkg-config" "${pkg_config}" --cflags --libs tse)
   separate_arguments(flags UNIX_COMMAND "${output}")
@@ -77,7 +77,7 @@ else()
   run("minimal, pkg-config" "${WORK}/minimal")
   message("pkg-config: ${output}")
 
-  # A program compiled for another scalar type must not link.
+  # A program that was compiled for a different scalar type must not link.
   if(REAL STREQUAL "double")
     list(TRANSFORM flags REPLACE "TSE_REAL_DOUBLE" "TSE_REAL_FLOAT")
     execute_process(COMMAND "${C_COMPILER}" ${c_flags} -std=c99 "${CMAKE_CURRENT_LIST_DIR}/minimal.c" ${flags} -lm -o "${WORK}/mixed"

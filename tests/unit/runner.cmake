@@ -1,7 +1,8 @@
 # cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake
-# Write the program that runs the tests in SOURCE: all functions `static void test_...(void)`, in their order
-# and under the same #if. `suiteSetUp()` of Unity runs before them. The tests are repeated while `again()`
-# returns 1. If SOURCE has a main(), it is the program instead.
+# Write the program that runs the tests in SOURCE: all functions `static void
+# test_...(void)`, in their order and under the same #if. suiteSetUp() runs before the
+# tests, if SOURCE has it. If SOURCE has a function again(), the tests are repeated while
+# again() returns 1. If SOURCE has its own main(), the program only includes SOURCE.
 file(READ "${SOURCE}" text)
 set(tests "#include \"${SOURCE}\"\n")
 if(NOT text MATCHES "\nint main\\(void\\)")
