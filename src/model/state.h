@@ -34,11 +34,11 @@ typedef struct tse_delay {
 typedef struct tse_effect_memory {
   int32_t settled; /* 0: the next row sets the effects to steady state (effects_settle()) */
 #if !defined(TSE_NO_EFFECTS)
-  tse_real lag[4];        /* slips after relaxation: slip angles front, rear [rad]; slips front, rear [1] */
-  tse_real mode[3][2];    /* second-order lags of roll, pitch, roll steer: output [m/s2], its rate */
+  tse_real lag[4];        /* after relaxation, front and rear: slip angles [rad], longitudinal slips [1] */
+  tse_real mode[3][2];    /* second-order lags of roll, pitch, roll steer: output [m/s2], its rate [m/s3] */
   tse_real time, heading; /* since the start: [s] time; [turns] change of heading to the left, modulo 1 */
   int32_t steered;        /* 0: there has been no row with a steering angle */
-  tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after the first lag, after both */
+  tse_real steered_by[3]; /* [rad] last steering angle: logged, after the first lag, after the second */
   /* delay lines of the effects steering_delay and imu_delay: ages and values */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
@@ -151,7 +151,7 @@ typedef struct tse_car {
   tse_real relaxation;            /* [m] relaxation length of the slip angles */
   tse_real compliance;            /* [rad s2/m] decrease of road-wheel angle per front lateral force */
   tse_real roll_steer;            /* [1] rear steering angle into the turn / roll angle out of the turn */
-  tse_real roll_coupling;         /* [m] setting body_roll_coupling */
+  tse_real roll_coupling;         /* [m] lateral acceleration of the car per roll acceleration */
   tse_real roll_gain, roll_omega; /* [rad s2/m] roll angle per a_y; [rad/s] natural frequency of roll */
   tse_real roll_damping;          /* [1] damping ratio of the roll */
   /* accel_y contains roll_leak phi - roll_height phi''. phi is the roll angle [rad] */
@@ -163,8 +163,8 @@ typedef struct tse_car {
   tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
   tse_real pitch_damping;             /* [1] damping ratio of the pitch */
   tse_real lever_x, lever_y;          /* [m] position of the IMU, ahead and left of the centre of gravity */
-  tse_real mount_cos, mount_sin;      /* [1] cosine and sine of the mounting angle of the IMU */
-  tse_real scale_x, scale_y, scale_r; /* [1] scale factors of accel_x, accel_y, yaw_rate */
+  tse_real mount_cos, mount_sin;      /* [1] cosine, sine of the turn of the IMU to the left */
+  tse_real scale_x, scale_y, scale_r; /* [1] (reading - bias)/true value: accel_x, accel_y, yaw_rate */
   tse_real free_front, free_rear;     /* [1] size of the small negative slip of a freely rolling axle:
                                        * rolling resistance / longitudinal stiffness */
   int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
@@ -183,7 +183,7 @@ struct tse_params {
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
-  tse_real follow;                    /* [1] setting rear_longitudinal_follows_front */
+  tse_real follow;                    /* [1] w rear / w front, w = longitudinal stiffness/nominal - 1 */
   tse_real radius_front, radius_rear; /* [m] rolling radii */
   /* sensors */
   tse_real sd[3], inv_sd[3]; /* sd of accel_x, accel_y [m/s2], yaw rate [rad/s], and 1/sd */
@@ -200,7 +200,7 @@ struct tse_params {
   tse_real noise_max_var;   /* [1] max (estimated noise variance / variance in the settings): noise_max^2 */
   tse_real log2_forgetting; /* log2 of the forgetting factor of Lambda and nu */
   tse_real log2_forgetting_mean;               /* log2 of the forgetting factor of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma; its min if it adapts */
+  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma: usual, min */
   tse_real memory;                             /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
   tse_real resample_at; /* [particles] N_eff at or below which particles are resampled */
   /* particle filter: initial mu, lam (tse_particles), gamma, nu; initial variance of
@@ -213,7 +213,7 @@ struct tse_params {
   tse_real latency;        /* [s] age of the row that is processed when the newest row arrives */
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
-  tse_real latency_age[6]; /* [s] for each channel, age of the used value when the newest row arrives */
+  tse_real latency_age[6]; /* [s] age of the processed value of each channel when the newest row arrives */
   /* for the mean of stiffness/nominal that was learnt in an earlier drive: min variance
    * [1], and growth rate of the variance between drives [1/day] */
   tse_real learnt_floor;
@@ -249,7 +249,7 @@ typedef struct tse_start {
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3]; /* particle filter: mean of each bias [sigma]; its variance [sigma^2] */
   tse_real kept[TSE_KEPT];       /* default filter: saved states, SI units */
-  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* default filter: their covariance, in units of the state */
+  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* default filter: covariance of `kept`, in units of state_unit */
   tse_real noise[TSE_SENSORS];           /* [1] noise variance / variance in the settings */
 } tse_start;
 
@@ -260,7 +260,7 @@ enum {
   TSE_KNOWN_BEFORE, /* loaded by tse_learnt_load(), and not valid in any row since */
 };
 
-#define TSE_GROUPS 2 /* groups of events, lateral and longitudinal; at most one event of each has happened */
+#define TSE_GROUPS 2 /* groups of events: lateral, longitudinal; at most one event in each is assumed */
 
 /* Covariance U D U' of the state, in the units that STATE_ROWS (car.h) lists for the
  * states. U is unit upper triangular, D diagonal. */
@@ -299,9 +299,9 @@ typedef struct tse_event {
   tse_short v[TSE_ALL]; /* error of the state per unit of the amplitude, in units of the state */
   tse_real info;        /* [1] information (1/variance) on the amplitude, gained since the event was opened */
   tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] only in kind EVENT_ROAD_AXLE_DIFF: cross information with its EVENT_ROAD */
+  tse_real both;        /* [1] of EVENT_ROAD_AXLE_DIFF: cross information with the amplitude of EVENT_ROAD */
   tse_real age;         /* [s] time since the hypothesis was opened */
-  int32_t kind;         /* EVENT_... of src/filter/types.h; 0: free slot */
+  int32_t kind;         /* EVENT_... of src/filter/types.h; 0: unused, no event */
 } tse_event;
 
 /* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
@@ -335,9 +335,11 @@ typedef struct tse_agreement {
    * accel_x times the rate of v */
   tse_real moved[2][2];
   tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
-  tse_real lags;              /* [m2/s4] across.square times the max delay by soft tyres and IMU position */
+  tse_real lags;              /* [m2/s4] across.square times the max lag of accel_y by tyres and lever arm */
   tse_real complete_for;      /* [s] time since the last row without accel_y, yaw_rate or steer_angle */
-  int32_t apart;     /* bit i: the quantities of pair i disagree; next bits: a late channel (plausible.c) */
+  /* bit i < TSE_PAIRS: the quantities of pair i disagree. The three bits above: accel_y,
+   * yaw_rate, steer_angle is late */
+  int32_t apart;
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
@@ -353,7 +355,7 @@ typedef struct tse_along {
 /* State of the default filter, a Kalman filter of the car. */
 typedef struct tse_kalman {
   tse_real x[TSE_VALUES + TSE_EXTRAS]; /* state, SI units */
-  tse_ud ud;                           /* its covariance, in units of the state */
+  tse_ud ud;                           /* covariance of x, in units of state_unit */
   tse_short consider[TSE_CONSIDERED]
                     [TSE_ALL];   /* error of x if a parameter is wrong by its sd, in units of the state */
   tse_real noise[TSE_SENSORS];   /* [1] estimated noise variance / variance in the settings */
@@ -371,7 +373,7 @@ typedef struct tse_kalman {
   tse_real seen; /* [s] total time of the processed rows since the start */
   tse_real
       nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
-  tse_real lasting[TSE_SENSORS];     /* [SI] estimated slow part of the innovation (update_lasting()) */
+  tse_real lasting[TSE_SENSORS];     /* [SI] estimate of the non-white part of the innovation */
   tse_real lasting_var[TSE_SENSORS]; /* variance of the estimate of `lasting` */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS];     /* [SI] innovation after a low pass, for tests of events */
@@ -381,10 +383,10 @@ typedef struct tse_kalman {
   tse_real change_age;               /* [s] time since the last change of road or tyres (change_kind) */
   tse_real change_from[4];           /* [1] states LCX, LCF, LCR, LMU (logarithms) before the last change */
   tse_real change_from_var[4];       /* variances of change_from, in squared units of the state */
-  tse_along along, along_from;       /* prior of ln(slip stiffness): now, and before the last change */
+  tse_along along, along_from;       /* prior of c (see tse_along): now, and before the last change */
   tse_real reading[TSE_SENSORS + 1]; /* last readings of the sensors and of the steering angle */
   tse_real repeats[TSE_SENSORS + 1]; /* [1] share of the readings that equal the previous reading */
-  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] as repeats, but only of readings that follow a repeat */
+  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] share of repeats among the readings that follow a repeat */
   /* [1] -log2 of the probability that a working channel repeats its reading as often as
    * this channel now has (watch_repeats()) */
   tse_real frozen[TSE_SENSORS + 1];
@@ -439,9 +441,9 @@ struct tse_filter {
    * is not a copy sets the time to USUAL_TIME. 0: the wheel speed may be a copy */
   tse_real off_for[2];
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
-  tse_real gaps;  /* [1] number of recent rows after a gap; decays with the time constant USUAL_TIME */
+  tse_real gaps;  /* [1] number of recent gaps (count_gaps()); decays with the time constant USUAL_TIME */
   tse_way way;
-  tse_real seen;    /* [samples] particle filter: learnt samples, at most 5 tse_params.memory */
+  tse_real seen;    /* particle filter: number of samples learnt so far, at most 5 * tse_params.memory */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* state of the Kalman filter */

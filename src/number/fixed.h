@@ -305,9 +305,8 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
  * units of 2^-FIXED_BITS, the result is the root of the integer x 2^FIXED_BITS. First the
  * leading zeros of x are shifted out, an even number of them. Then the upper 16, 32 and
  * 48 bits of the root are computed one after the other (Zimmermann, Karatsuba Square
- * Root, 1999): the new bits are the remainder, i.e. the number minus the square of the
- * bits so far, divided by twice the bits so far. If the square of the new root exceeds
- * the number, the root is decreased by 1. */
+ * Root, 1999). The new bits are (n - s^2)/(2 s), where n is the shifted integer and s the
+ * root so far. If the square of the new root exceeds n, the root is decreased by 1. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;

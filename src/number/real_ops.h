@@ -109,7 +109,7 @@ typedef uint32_t real_bits;
 #define REAL_BIAS 127u                  /* stored exponent of the number 1 */
 #define REAL_MAGNITUDE 0x7fffffffu      /* mask of all bits but the sign */
 #define REAL_INFINITY 0x7f800000u
-#define REAL_ROOT_HALF 0x00cafb0du      /* added to the bits of a number, it increases the exponent by 1,
+#define REAL_ROOT_HALF 0x00cafb0du      /* r_log2() adds it to the bits of x: the exponent grows by 1,
                                          * or by 2 if the significand is at least sqrt(2) */
 #define REAL_MOST_INT 2147483520.0f     /* largest float below 2^31 */
 #define REAL_UNIFORM 9                  /* low bits of a random word to drop: the rest + 1/2 has 24 bits */

@@ -35,8 +35,8 @@
 #include <arm_acle.h>
 #endif
 
-/* R_TOGETHER(rows) is the number of rows that one loop multiplies by the same common row:
- * a divisor of `rows`, the number of all such rows. On a core without vector
+/* `rows` rows are to be multiplied by one common row. R_TOGETHER(rows), a divisor of
+ * `rows`, is the number of them that one loop multiplies. On a core without vector
  * instructions, this loop is faster than one loop for each row, because it loads each
  * element of the common row only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
@@ -361,7 +361,7 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up)
   return right > 31 ? 0 : ((a.m >> (right - 1)) + 1) >> 1;
 }
 
-/* Return a x. a must have been computed for the scale of the row that contains x. */
+/* Return a x. If x is an element of a row stored times 2^-up, a must contain 2^up. */
 static inline tse_real r_times(tse_short x, r_factored a)
 {
   return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS);
@@ -438,8 +438,8 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
 }
 
 /* Convert a factor whose magnitude is below 1/2 to an integer in units of 2^-32. Bits of
- * its mantissa below 2^-32 are lost. In a product with an element of a row they would
- * change the result by less than an eighth of its unit. */
+ * its mantissa below 2^-32 are lost. The product with a tse_short changes by at most 1/8
+ * of 2^-SHORT_BITS. */
 static inline int32_t convert_small_factor(r_factored a)
 {
   return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
