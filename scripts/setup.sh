@@ -206,7 +206,7 @@ for extra in "$@"; do
   say "Python packages for $extra"
   if [ "$extra" = release ]; then                 # fixed versions, so that a release can be repeated
     scripts/dev/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
-      || fail "$(cat .venv/tse-lock.log)" "A release needs the packages and hashes of scripts/lock-release.txt."
+      || fail "$(cat .venv/tse-lock.log)" "A release needs the hashes of scripts/lock-release.txt."
   fi
   if install_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"

@@ -129,7 +129,7 @@ def test_an_accel_y_that_is_late_against_the_yaw_rate_is_reported(
     said = check_lateral_delay(log, STREET)
     assert bool(said) == bool(wrong)
     if wrong:
-        assert f" ms {wrong} than the car turns" in said[0] and "Stiffness is wrong by it" in said[0]
+        assert f" ms {wrong} than speed and yaw_rate" in said[0] and "stiffness is therefore wrong" in said[0]
     if late or ahead:
         stated = Config({**STREET.as_dict(), "accel_y_latency": max(late, 0.0), "imu_lever_arm_x": ahead})
         assert late < 0 or check_lateral_delay(log, stated) == []

@@ -109,7 +109,7 @@ def test_sampling_follows_from_the_log_within_its_limits(step, gap, used, longes
     assert config.sample_time == pytest.approx(used) and config.max_gap == pytest.approx(longest)
     assert len(said) == notes
     if notes:
-        assert said[0].startswith(f"rows are {step:.3g} s apart") and said[0].endswith(f"knows is {used:g} s")
+        assert said[0].startswith(f"rows are {step:.3g} s apart") and said[0].endswith(f"is {used:g} s")
 
 
 @pytest.mark.parametrize(

@@ -225,7 +225,7 @@ def test_a_warning_names_mistakes_factors_and_ratios_before_and_after() -> None:
     ("name", "x", "text"),
     [
         ("accel_y", 3.0, ""),
-        ("accel_x", 0.4, "; a wrong time explains it if its steps are 0.4 times the true steps"),
+        ("accel_x", 0.4, "; logged time steps that are 0.4 times the true ones would explain it"),
         (
             "steer_angle",
             0.5,
@@ -398,7 +398,7 @@ def test_torques_make_the_force_of_mass_and_acceleration(torques, is_said: bool)
     assert bool(found) is is_said
     if is_said:
         share = sum(s for _, s in torques)
-        assert f"make {share:.3g} times the force of mass x accel_x" in found[0]
+        assert f"is {share:.3g} times mass x accel_x" in found[0]
     assert pedal(torques, None, accel_x=2.0 * np.sin(0.6 * T)) == []
 
 
@@ -433,7 +433,7 @@ def test_a_lateral_velocity_changes_with_the_acceleration(sign: float) -> None:
         accel_y=lambda t, v, yaw: v * yaw + np.gradient(slide(t), t),
     )
     found = agree._check_velocity(log, 0.3, 0.3)
-    assert len(found) == (sign < 0) and all("ins_vel_y changes against" in text for text in found)
+    assert len(found) == (sign < 0) and all("ins_vel_y changes in the opposite" in text for text in found)
 
 
 def test_channels_are_resampled_at_20_hz_and_smoothed() -> None:

@@ -772,7 +772,7 @@ def test_a_steering_angle_that_cannot_be_tested_is_unsure(v, r, why: str) -> Non
     car = SimpleNamespace(values={"lf": 1.0, "lr": 1.5}, steering_ratio=18.0)
     stated = make_look({"a": "deg"}, a=60.0 * YAW / 0.15)
     guess = guesses._guess_steering(stated, "a", {"said": 3.0, "shown": 0.0}, v, r, car, [])
-    assert guess.ratio == 18.0 and guess.unsure == ["sign", "ratio"] and guess.unit_from == "by the log"
+    assert guess.ratio == 18.0 and guess.unsure == ["sign", "ratio"] and guess.unit_from == "from the log"
 
 
 @pytest.mark.parametrize(
@@ -799,7 +799,7 @@ def test_wheels_have_the_ratio_to_the_other_axle_and_unsure_places() -> None:
     scale = make_scale({"track": 1.5, "accel_y": 1.0})
     rear = guesses._guess_wheels(look, "rear", ["wheel_rl", "wheel_rr"], WHEELS, scale)
     assert rear.figures[0] == "ratio to the other axle: 1.050" and rear.confidence == "sure"
-    assert rear.channel == "wheel_speed_rear" and rear.unit_from == "by the log" and rear.unsure == []
+    assert rear.channel == "wheel_speed_rear" and rear.unit_from == "from the log" and rear.unsure == []
     plain = make_look(None, a=V, b=V, c=V, d=V)
     unnamed = dict(zip(WHEELS, "abcd", strict=True))
     found = guesses._guess_wheels(plain, "front", ["a", "b"], unnamed, make_scale({}))
@@ -1017,14 +1017,14 @@ def test_a_candidate_has_the_score_of_its_name_and_unit(role, axle, name, unit, 
 # ---- The text of a proposal
 
 FULL = Guess(
-    "steer_angle", ("M.angle",), "deg", "by the log", -1.0, 15.5, 0.025, 3.25, None, "M.sign", "M.frac",
+    "steer_angle", ("M.angle",), "deg", "from the log", -1.0, 15.5, 0.025, 3.25, None, "M.sign", "M.frac",
     ("M.q", 0.0), ("M.bz", 16), ["ratio", "sign"], "likely", ["evidence"],
 )  # fmt: skip
 
 
 def test_a_proposal_is_a_file_with_all_that_was_found(tmp_path: Path) -> None:
-    brake = Guess("brake", ("p",), "bar", "by the log", above=0.0)
-    pair = Guess("wheel_speed_rear", ("l", "r"), "km/h", "by the log")
+    brake = Guess("brake", ("p",), "bar", "from the log", above=0.0)
+    pair = Guess("wheel_speed_rear", ("l", "r"), "km/h", "from the log")
     proposal = Proposal([FULL, pair, brake], ["look out"], ["accel_x"], {"accel_x": ["x: is 0 all the time"]})
     how = ReadOptions(databases=(tmp_path / "a.dbc", Path("/else/b.dbc")), step=0.01)
     text = proposal_module.format_signals(record(a=V), proposal, how, tmp_path)
@@ -1050,11 +1050,11 @@ def test_a_proposal_is_a_file_with_all_that_was_found(tmp_path: Path) -> None:
 
 def test_a_headline_has_all_that_was_found() -> None:
     assert proposal_module.format_headline(FULL) == (
-        "steer_angle = M.angle: deg (by the log), sign -1, ratio 15.5, latency 25 ms, its clock is +3.25 s "
+        "steer_angle = M.angle: deg (from the log), sign -1, ratio 15.5, latency 25 ms, its clock is +3.25 s "
         "ahead, and M.frac, valid if M.q is 0, counter M.bz; likely"
     )
-    plain = Guess("brake", ("a", "b"), "1", "by the log", above=0.0)
-    assert proposal_module.format_headline(plain) == "brake = a and b: 1 (by the log), on above 0; unsure"
+    plain = Guess("brake", ("a", "b"), "1", "from the log", above=0.0)
+    assert proposal_module.format_headline(plain) == "brake = a and b: 1 (from the log), on above 0; unsure"
 
 
 def test_a_line_of_the_list_has_rate_range_missing_share_and_use() -> None:

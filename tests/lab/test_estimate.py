@@ -667,7 +667,7 @@ def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, mo
     """
     prepared = single.prepare_run(drive.log, drive.vehicle, None, None, {}, "default", {})
     assert results.choose_exit_code(single.run_prepared(prepared, None, None).findings) != results.NOTHING
-    late = "steer_angle comes 60 ms later than the vehicle file says. Stiffness is wrong by it"
+    late = "steer_angle is logged 60 ms later than the vehicle file states. The stiffness is wrong"
     monkeypatch.setattr(single, "check_steering_lag", lambda *_: [late])
     ran = single.run_prepared(
         single.prepare_run(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None

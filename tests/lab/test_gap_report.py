@@ -512,7 +512,7 @@ def test_a_named_effect_is_in_the_page_with_interval_typical_size_and_look_alike
     assert roll[2:] == [
         "0.02 rad s2/m", "0.018 .. 0.022", "0.0053 .. 0.0107 not typical", "95 %", "60 %", "40", "mass",
     ]  # fmt: skip
-    assert mass[5:] == ["> 99 %", "10 %", "9", "none left"] and "not typical" not in mass[4]
+    assert mass[5:] == ["> 99 %", "10 %", "9", "none"] and "not typical" not in mass[4]
 
 
 def test_a_formula_is_in_the_page_with_place_numbers_and_range(page):
@@ -548,9 +548,12 @@ def test_the_page_has_effects_that_could_not_be_seen_and_those_that_were_not_fou
     assert hidden[2][:3] == ["mass", "change", "never"]
     assert "1 effects that would have been visible" in page
     assert read_cells(page, "1 effects that would have been visible")[1][:3] == ["bank", "angle", "0.01 rad"]
-    assert read_cells(page, "Combinations of names and formulas")[1:] == [
-        ["no name", "k", "30 %"],
+    assert read_cells(page, "Combinations of named effects and formulas")[1:] == [
+        ["none", "k", "30 %"],
         ["mass", "-", "70 %"],
     ]
-    assert read_cells(page, "The sets of effects")[1:] == [["body_roll + mass", "80 %"], ["nothing", "20 %"]]
+    assert read_cells(page, "Probability of each set")[1:] == [
+        ["body_roll + mass", "80 %"],
+        ["no effect", "20 %"],
+    ]
     assert "relaxation (40 %: below 90 %)" in page

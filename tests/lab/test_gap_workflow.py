@@ -933,7 +933,7 @@ def test_two_effects_are_separable_if_the_best_manoeuvre_takes_an_hour_at_most(n
 def test_a_plan_says_how_long_to_drive_and_rates_the_others():
     options = [make_option("best", 4.0), make_option("next", 0.05, share=0.05), make_option("third", 0.03)]
     lines = plan.ManeuverPlan("a", "b", options).text(2).splitlines()
-    assert lines[0] == "To separate a and b, drive: best, for 40 s, 2 times. 8 nats are enough."
+    assert lines[0] == "To separate a and b, drive: best, for 40 s, 2 times. An evidence of 8 nats is enough."
     assert lines[2].split("  ")[1].strip() == "nats in 20 s"
     assert lines[3].split() == ["best", "4.0", "40", "40", "%"] and len(lines) == 5
     assert lines[4].split() == ["next", "0.1", "3200", "5", "%"]

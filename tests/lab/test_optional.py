@@ -151,7 +151,7 @@ def test_a_channel_left_out_is_named(drive: pd.DataFrame) -> None:
     [
         (1.0, 1.0, ()),
         (3.6, 3.6, ("ins_vel_x is 3.6 times the speed of the wheels",)),
-        (1.0, -1.0, ("ins_vel_y changes against accel_y",)),
+        (1.0, -1.0, ("ins_vel_y changes in the opposite direction to accel_y",)),
         (1 / 2.237, 1.0, ("ins_vel_x is 0.44",)),
     ],
 )
@@ -302,14 +302,14 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
                 "wheel_torque_front": lambda d: -d.wheel_torque_front,
                 "wheel_torque_rear": lambda d: -d.wheel_torque_rear,
             },
-            ["make -"],
+            ["wheel_torque_rear is -"],
         ),
         (
             {
                 "wheel_torque_front": lambda d: d.wheel_torque_front / 1000,
                 "wheel_torque_rear": lambda d: d.wheel_torque_rear / 1000,
             },
-            ["times the force of mass x accel_x"],
+            ["times mass x accel_x"],
         ),
     ],
 )

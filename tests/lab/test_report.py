@@ -177,7 +177,7 @@ def test_grip_and_sideslip_have_their_intervals():
 def test_remarks_name_noise_and_contradictions():
     assert list_remarks(make_table([1] * 100, "")) == list_remarks(make_table([1] * 100, "", noise=1.2)) == []
     assert list_remarks(make_table([1] * 100, "", noise=2.94)) == [
-        "accel_x is noisier than the settings say: x2.9"
+        "accel_x: the estimated noise sd is 2.9 times its setting"
     ]
     assert list_remarks(make_table([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
         "a sensor was probably at fault 2 times, in 10 % of the log: not valid there"
@@ -229,7 +229,7 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
         names = {trace["name"] for trace in read_figures(page)[3]["data"]}
         assert ("noise_accel_y" in names) == noisy
         for text in (done.err, page):
-            assert ("accel_y is noisier than the settings say: x" in text) == noisy
+            assert ("accel_y: the estimated noise sd is" in text) == noisy
 
 
 def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():

@@ -411,7 +411,7 @@ def test_noise_counts_in_rows_that_learn_and_by_its_median():
     table = make_table(
         [1] * 9, noise_yaw_rate=np.where(rows < 5, 1.3, 0.1), noise_accel_y=np.where(rows < 4, 9.0, 1)
     )
-    assert list_remarks(table) == ["yaw_rate is noisier than the settings say: x1.3"]
+    assert list_remarks(table) == ["yaw_rate: the estimated noise sd is 1.3 times its setting"]
     held = library().status("TSE_W_MISSING_CHANNEL") + 1
     assert list_remarks(table.assign(status=held)) == [] and list_remarks(table.assign(status=-1)) == []
     assert list_remarks(make_table([1] * 9, noise_accel_x=1.25)) == []
@@ -455,9 +455,9 @@ def test_a_lag_is_that_of_the_last_row():
     table = make_table([1] * 3, lag_steer=[0.5, 0.5, 0.06])
     assert check_steering_lag(table, config) == []  # 3 sd
     (text,) = check_steering_lag(table.assign(lag_steer=[0.03, 0.03, 0.061]), config)
-    assert text.startswith("steer_angle comes 31 ms earlier than") and "sd of 10 ms" in text
+    assert text.startswith("steer_angle is logged 31 ms earlier than") and "(sd 10 ms)" in text
     (text,) = check_steering_lag(table.assign(lag_steer=[0.03, 0.03, -0.011]), config)
-    assert text.startswith("steer_angle comes 41 ms later than")
+    assert text.startswith("steer_angle is logged 41 ms later than")
     assert check_steering_lag(table[:0], config) == []
 
 
@@ -499,7 +499,7 @@ def find_number(channel: str) -> int:
         (
             "accel_x",
             9.81,
-            "accel_x seems to be 9.81 times the true value, or the time steps 9.81 times theirs",
+            "accel_x seems to be 9.81 times the true value, or the time steps 9.81 times the true steps",
         ),
         ("yaw_rate", 57.3, "yaw_rate seems to be 57.3 times the true value"),
     ],
@@ -901,13 +901,13 @@ def test_the_answer_has_the_last_two_stretches_and_the_number_of_others():
     ]
     config = Config.exact()
     assert make_answer(found, config) == [
-        "2 earlier stretches of road: --verbose, or the report",
+        "2 earlier stretches of road: see --verbose or the report",
         "From 20.0 .. 30.0 s:",
         "  front, in bends     82 ± 3 kN/rad   usable, valid 50 % of the time",
         "From 30.0 .. 40.0 s:",
         "  front, in bends     83 ± 3 kN/rad   usable, valid 50 % of the time",
     ]
-    assert make_answer(found[:3], config)[0] == "1 earlier stretch of road: --verbose, or the report"
+    assert make_answer(found[:3], config)[0] == "1 earlier stretch of road: see --verbose or the report"
     assert make_answer(found[:2], config)[0] == "From 0.0 .. 10.0 s:"
 
 
@@ -931,7 +931,7 @@ def test_estimates_that_contradict_themselves_make_doubts_certain():
     assert (doubtful.warnings, doubtful.doubts, doubtful.notes) == (["perhaps a sign"], [], ["a note"])
     late = make_prepared()
     assert single.find_contradiction(late, make_table([1] * 9, lag_steer=0.2))
-    assert late.warnings[0].startswith("check steer_angle: steer_angle comes 200 ms earlier")
+    assert late.warnings[0].startswith("check steer_angle: steer_angle is logged 200 ms earlier")
     sure = make_prepared()
     sure.warnings = ["known"]
     assert not single.find_contradiction(sure, odd) and sure.warnings == ["known"]
@@ -944,10 +944,10 @@ def test_notes_of_a_run_count_refused_rows_and_leave_out_what_a_warning_says():
     est = Estimates(table, False, statuses={0: 20, -3: 2, -1: 1, 4: 6})
     notes = single.collect_notes(make_prepared(), est)
     assert notes[0] == "a note" and notes[1].startswith("3 rows were refused by the library: ")
-    assert [n.split(" ")[0] for n in notes[2:]] == ["accel_x", "the", "steer_angle"]
+    assert [n.split(" ")[0] for n in notes[2:]] == ["accel_x:", "the", "steer_angle"]
     warned = make_prepared()
     warned.warnings = ["known"]
-    assert [n.split(" ")[0] for n in single.collect_notes(warned, est)] == ["a", "3", "accel_x"]
+    assert [n.split(" ")[0] for n in single.collect_notes(warned, est)] == ["a", "3", "accel_x:"]
     assert single.collect_notes(make_prepared(), Estimates(make_table([1] * 9), False)) == ["a note"]
 
 

@@ -287,7 +287,7 @@ def set_sampling(config: Config, sample_time: float) -> list[str]:
     gap = config.fields["max_gap"]
     config.max_gap = min(max(config.max_gap, GAP_IN_SAMPLES * sample_time), gap.high)
     if abs(used - sample_time) > 1e-6:
-        return [f"rows are {sample_time:.3g} s apart; the nearest sample_time the filter knows is {used:g} s"]
+        return [f"rows are {sample_time:.3g} s apart; the nearest sample_time that is allowed is {used:g} s"]
     return []
 
 

@@ -277,10 +277,10 @@ def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     if not abs(late) - 3.0 * sd > MAX_LATE_ACROSS:
         return []
     return [
-        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
-        f"{'later' if late > 0 else 'earlier'} than the car turns: accel_y or yaw_rate is delayed or "
-        "low-passed, or the IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or "
-        "state the delay in the vehicle file"
+        f"check accel_y and yaw_rate: accel_y is {abs(late) * 1e3:.0f} ms "
+        f"{'later' if late > 0 else 'earlier'} than speed and yaw_rate predict: accel_y or yaw_rate is "
+        "delayed or low-passed, or the IMU is far from the centre of gravity. The estimated stiffness is "
+        "therefore wrong: calibrate, or state the delay in the vehicle file"
     ]
 
 
@@ -418,7 +418,7 @@ def _list_alternatives(name: str, x: float) -> str:
 
     `name`: name of the ratio. `x`: its value."""
     if name == "accel_x":
-        return f"; a wrong time explains it if its steps are {x:.3g} times the true steps"
+        return f"; logged time steps that are {x:.3g} times the true ones would explain it"
     if name != "steer_angle":
         return ""
     braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < MAX_HANDLING else ""
@@ -525,8 +525,8 @@ def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) ->
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: it must be positive "
-                "to the left"
+                "check the units: ins_vel_y changes in the opposite direction to accel_y - speed x yaw_rate: "
+                "ins_vel_y must be positive to the left"
             )
     return found
 
@@ -559,9 +559,9 @@ def _check_pedals(
         least = 1 / MAX_FORCE_RATIO if both else MIN_AXLE_SHARE
         if abs(f.corr) > MIN_TORQUE_CORR and not least < f.slope < MAX_FORCE_RATIO:
             found.append(
-                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
-                f"accel_x (correlation {f.corr:.2f}), about 1 is expected: a wheel torque is the sum of both "
-                "wheels of an axle in N m, negative while braking"
+                f"check the units: the force of {' and '.join(axles)} is {f.slope:.3g} times mass x accel_x "
+                f"(correlation {f.corr:.2f}), about 1 is expected: a wheel torque is the sum of both wheels "
+                "of an axle in N m, negative while braking"
             )
     return found
 
@@ -633,8 +633,8 @@ def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     if min(abs(x), abs(y)) < MIN_IMU_TURN or x * y > 0:
         return []
     return [
-        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change "
-        "of the speed: the IMU is "
+        f"check the axes: accel_x contains {x:.2g} times (speed x yaw_rate), and accel_y contains {y:.2g} "
+        "times the rate of change of the speed: the IMU is "
         f"turned about the vertical by {np.degrees(np.arcsin(np.clip((x - y) / 2, -1, 1))):.0f} degrees"
     ]
 
@@ -664,8 +664,9 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
         if share < MIN_SIDE_SHARE or not SIDE_LEVER[0] < abs(found[0]) < SIDE_LEVER[1]:
             return []
     return [
-        f"check the wheels: front less rear wheel speed is {found[0]:.2g} m times yaw_rate, as left less "
-        "right is: wheel_speed_front or _rear is of one side, or a left and a right wheel are one signal"
+        f"check the wheels: front - rear wheel speed is {found[0]:.2g} m times yaw_rate, like the "
+        "difference of left and right wheels: wheel_speed_front or _rear is of one side, or a left and a "
+        "right wheel are one signal"
     ]
 
 

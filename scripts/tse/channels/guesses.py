@@ -20,7 +20,7 @@ from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
-BY_SIZE = "by its size"  # source of a unit that neither the log nor the name states
+BY_SIZE = "from the size of its values"  # source of a unit that neither the log nor the name states
 # [rad] There is a warning if the IMU is turned about the vertical axis by more than this.
 # accel_y is then a_y cos(angle) + a_x sin(angle). A smaller angle needs no warning: the
 # cosine is above 0.99, and tselab calibrate estimates the angle.
@@ -150,9 +150,9 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     """Return the source of a unit: the log, the end of the name, or the values."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
-        return "by the log"
+        return "from the log"
     end = find_unit_suffix(c.short)
-    return "by the end of the name" if end and is_same_unit(end, unit, role) else BY_SIZE
+    return "from the end of its name" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
 def _rate_confidence(said: float, shown: float) -> str:
@@ -319,7 +319,7 @@ def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float 
     `x`: values of the angle. `unit`: unit in the log; "": unknown. `given`: steering
     ratio in the vehicle file; None: unknown. `why`: reason why no test is possible."""
     guess.unit, wheel = _guess_by_size(x, unit)
-    guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
+    guess.unit_from = "from the log" if unit else f"guessed from the size of its values: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
     guess.confidence = "unsure"
     guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
@@ -625,8 +625,8 @@ def _set_steering_latency(
         return
     guess.latency = round(late, 3)
     guess.figures.append(
-        f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, "
-        f"{1e3 * YAW_LAG:.0f} are usual; tselab calibrate measures it better"
+        f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate lags the angle by {1e3 * follows:.0f} "
+        f"ms, usual are {1e3 * YAW_LAG:.0f} ms; tselab calibrate estimates the latency more exactly"
     )
     warnings.append(
         f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without "

@@ -441,8 +441,8 @@ def _add_fine_part(g: Guess, mine: Channel, beside: list[Channel]) -> None:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
             g.figures.append(
-                f"sent in steps of {step:g} {g.unit}: {c.name} has the value between the steps; the sum "
-                f"is {smoother:.0f} times as smooth"
+                f"sent in steps of {step:g} {g.unit}: {c.name} has the part between the steps; the sum of "
+                f"both is {smoother:.0f} times as smooth"
             )
             return
     g.figures.append(f"sent in steps of {step:g} {g.unit}")

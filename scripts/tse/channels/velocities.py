@@ -93,7 +93,7 @@ def _guess_velocity(
     moving = np.isfinite(x) & (v > MOVING_SPEED)
     if moving.sum() < physics.MIN_ROWS:
         return None
-    origin = "by the log" if look.channels[name].unit else "by the end of the name"
+    origin = "from the log" if look.channels[name].unit else "from the end of its name"
     guess = Guess(channel, (name,), unit, origin)
     if channel == "ins_vel_x":
         share = float(np.median(x[moving] / v[moving]))

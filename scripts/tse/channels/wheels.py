@@ -464,7 +464,7 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
         "brake",
         (c.name,),
         "1" if switch or not c.unit else c.unit,
-        "0 and 1" if switch else "by the log",
+        "0 and 1" if switch else "from the log",
         above=above,
     )
     if above is not None:
@@ -504,7 +504,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
             TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
         )
         if named and unit_kind(c.unit) == "torque":
-            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
+            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "from the log")
             guess.figures.append(
                 "found by its name and unit; it must be drive minus brake torque, sum of both wheels"
             )

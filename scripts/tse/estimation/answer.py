@@ -61,7 +61,7 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
     left_out = len(found) - MAX_ANSWER_STRETCHES
     if left_out > 0:
         lines.append(
-            f"{left_out} earlier stretch{'es' if left_out > 1 else ''} of road: --verbose, or the report"
+            f"{left_out} earlier stretch{'es' if left_out > 1 else ''} of road: see --verbose or the report"
         )
     for finding in found[-MAX_ANSWER_STRETCHES:]:
         if finding.title:

@@ -310,7 +310,7 @@ def _name_contradiction(row: pd.Series) -> str:
     if factor < 0:
         return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
     named = "the wheel speeds seem" if wheels else f"{channel} seems"
-    also = f", or the time steps {factor:.3g} times theirs" if channel == "accel_x" else ""
+    also = f", or the time steps {factor:.3g} times the true steps" if channel == "accel_x" else ""
     return f"{named} to be {factor:.3g} times the true value{also}"
 
 
@@ -362,7 +362,7 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
     for channel in MEASURES:
         ratio = float(table.loc[learnt, f"noise_{channel}"].median()) if learnt.any() else 1.0
         if ratio > NOISY:
-            found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
+            found.append(f"{channel}: the estimated noise sd is {ratio:.1f} times its setting")
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
     if "p_fault" in table:  # at standstill the reason is "held", even if a fault persists
         off |= table["p_fault"].to_numpy() >= MIN_EVENT_PROBABILITY
@@ -373,7 +373,7 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
         found.append(
             f"{len(changes)} changes of road or tyres in {seconds:.0f} s are implausibly many. More "
             "probably a channel or the vehicle file is wrong: check latencies, offsets, the steering "
-            "ratio and whether it is this car"
+            "ratio and whether the file describes this car"
         )
     times = len(find_spans(estimate_times(table), off))
     if times:
@@ -401,9 +401,9 @@ def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
     if abs(off) <= UNLIKELY * sd:
         return []
     return [
-        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle "
-        "file says, where an sd of "
-        f"{sd * 1e3:.0f} ms was expected: another logger or signal? Stiffness is wrong by it: calibrate anew"
+        f"steer_angle is logged {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle "
+        f"file states (sd {sd * 1e3:.0f} ms): is the logger or the signal a different one? The estimated "
+        "stiffness is therefore wrong: calibrate again"
     ]
 
 

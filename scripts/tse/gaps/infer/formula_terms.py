@@ -136,7 +136,9 @@ def make_modulators() -> Iterator[FormulaTerm]:
     """
     yield FormulaTerm("", (0, 0))
     yield FormulaTerm(
-        "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
+        "(vel_x/v - 1)",
+        (0, 0),
+        (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which this factor changes sign"),),
     )
     yield FormulaTerm("vel_x*vel_x", (2, -2))
     for at in SPEED.sizes:
@@ -158,7 +160,7 @@ def _make_step(
 
 
 def _make_dead_zone(s: Signal, half: float) -> FormulaTerm:
-    size = Size("w", half, 0.1 * s.sizes[0], 3.0 * s.sizes[-1], s.units, "half of the dead zone")
+    size = Size("w", half, 0.1 * s.sizes[0], 3.0 * s.sizes[-1], s.units, "half width of the dead zone")
     return FormulaTerm(f"({s.text} - max(-w, min(w, {s.text})))", s.unit, (size,))
 
 
@@ -170,7 +172,7 @@ def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
         yield FormulaTerm(
             f"soft({s.text}/w)",
             (0, 0),
-            (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which it saturates"),),
+            (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which soft is 0.71"),),
         )
         yield _make_dead_zone(s, w)
 
@@ -203,12 +205,10 @@ def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> 
     limits of the rate.
     """
     for w in halves:
-        size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
+        size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half width of the play")
         yield FormulaTerm(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
     for r in rates:
-        size = Size(
-            "r", r, 0.1 * r, 10.0 * r, "rad/s" if s.units == "rad" else "m/s3", "fastest that it can change"
-        )
+        size = Size("r", r, 0.1 * r, 10.0 * r, "rad/s" if s.units == "rad" else "m/s3", "max rate of change")
         yield FormulaTerm(f"(limit({s.text}, r) - {s.text})", s.unit, (size,))
 
 
@@ -317,7 +317,7 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
     wanted = read_exponents(library().formula_places[place].unit)
     unit = format_unit((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
     numbers = (
-        Number("k", coefficient, unit, None, f"times {term.text}"),
+        Number("k", coefficient, unit, None, f"coefficient of {term.text}"),
         *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes),
     )
     return Formula("found", "found in logs: a formula, not a cause", place, f"k*{term.text}", numbers)

@@ -74,7 +74,7 @@ def make_latency(name: str, title: str, channels: str) -> Effect:
     """Return an effect whose only strength is a latency [s] with the name `name`.
     `channels` are the channels in which this latency is visible.
     """
-    text = "age of the values at the time of their row"
+    text = "time from the measurement of a value to the time of its row"
     parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
 
@@ -82,9 +82,9 @@ def make_latency(name: str, title: str, channels: str) -> Effect:
 def make_latencies() -> tuple[Effect, ...]:
     """Return the latencies of the channels as effects."""
     return (
-        make_latency("wheel_speed_latency", "wheel speeds late", "accel_x"),
-        make_latency("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
-        make_latency("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
+        make_latency("wheel_speed_latency", "wheel speeds logged late", "accel_x"),
+        make_latency("accel_x_latency", "accel_x logged later than the gyro", "accel_x"),
+        make_latency("accel_y_latency", "accel_y logged later than the gyro", "accel_y"),
     )
 
 

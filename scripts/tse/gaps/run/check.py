@@ -76,7 +76,7 @@ class Check:
         seen = sum(d.visible for d in order)
         lines.append(
             f"{seen} of {len(order)} effects would be named at their typical size "
-            f"({compute_threshold(len(order)):.1f} nats)."
+            f"(evidence of at least {compute_threshold(len(order)):.1f} nats)."
         )
         if hidden := [d for d in order if not d.visible]:
             lines.append("The other effects would be visible in these channels:")

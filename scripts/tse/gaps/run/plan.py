@@ -101,7 +101,7 @@ class ManeuverPlan:
                 "manoeuvre",
                 f"nats in {self.options[0].seconds:.0f} s",
                 f"s for {NEED:g} nats",
-                "share of evidence",
+                "share that separates",
             ]
         ]
         for o in self.options[:top]:
@@ -113,7 +113,7 @@ class ManeuverPlan:
         times = np.ceil(best.needed / best.seconds)
         long = f"once ({best.seconds:.0f} s)" if once else f"for {best.needed:.0f} s, {times:.0f} times"
         lines = [
-            f"To separate {pair}, drive: {best.name}, {long}. {NEED:g} nats are enough.",
+            f"To separate {pair}, drive: {best.name}, {long}. An evidence of {NEED:g} nats is enough.",
             "",
             text_table(rows, right=(1, 2, 3)),
         ]
