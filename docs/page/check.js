@@ -7,6 +7,11 @@
 // - the check of the time of slow logs, and the search for a mistake in parts of a log,
 // - splines: the raster has means of the rows around each point, so figures agree within
 //   a few percent.
+//
+// A figure is the ratio of a measured value to the value that other channels predict, for
+// example accel_y / (speed x yaw_rate). It is about 1 if the channels are right. A cause
+// is a possible mistake, a wrong unit or sign of a channel, with the factor of this
+// mistake.
 
 // Return the channels on an even raster of PAGE.check.rate, Hz, as moving means over
 // PAGE.check.smooth: name -> Float64Array, NaN: missing.
@@ -57,7 +62,8 @@ function computeDeviation(x) {
   return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
 }
 
-// Return the part of a long log with most bends, as tse.log.rows.select_liveliest().
+// Return the part of a long log in which the car turns most, as
+// tse.log.rows.select_liveliest() does.
 function selectLiveliest(rows, most) {
   const n = rows.time.length;
   if (n <= most) return rows;
@@ -193,7 +199,8 @@ function fitSteering(angle, v, yaw) {
   };
 }
 
-// Return the figures, measured over expected, at the speed v: name -> {value, sd}.
+// Return the figures: name -> {value, sd of ln(value), nearly: the correlation is only
+// just too small}. `v`: speed, m/s.
 function computeFigures(rows, d, v, car, tracks, wheels) {
   const P = PAGE.check,
     out = {},
@@ -228,7 +235,7 @@ function computeFigures(rows, d, v, car, tracks, wheels) {
   return out;
 }
 
-// Return the figures after correction of these causes.
+// Return the figures that remain after the causes are corrected: name -> value.
 function applyCauses(figures, causes) {
   const by = { yaw_rate: 1, accel_y: 1, accel_x: 1, steer_angle: 1 };
   for (const c of causes) if (c.channel in by) by[c.channel] *= c.factor;
@@ -250,9 +257,10 @@ function computeCost(figures, causes) {
   );
 }
 
-// Return the set of causes with min cost: {causes, cost, figures, plain}. Without
-// figures, no causes. `may(channel, unit)`: causes to try. `price(unit)`: their price.
-// `most`: max number beside that of the wheels. `without`: figures to ignore.
+// Return the set of causes with min cost: {causes, cost, figures, plain: figures without
+// any cause}. If there are no figures, the set is empty. `may(channel, unit)`: whether a
+// cause is tried. `price(unit)`: cost of a cause. `most`: max number of causes in
+// addition to one of the wheels. `without`: names of figures to ignore.
 function findBestCauses(
   rows,
   car,
@@ -334,7 +342,8 @@ function findBestCauses(
     : { causes: [], plain: {}, figures: {}, cost: 0, d, v, front, rear };
 }
 
-// Return the cost of the best free factor on one channel, which is no known unit.
+// Return the min cost if one channel is corrected by any factor, not only by that of a
+// unit.
 function costFreeFactor(figures) {
   let least = Infinity;
   for (const channel of ["yaw_rate", "accel_y", "accel_x", "steer_angle"]) {
@@ -396,9 +405,9 @@ function checkPlacement(d, front, rear) {
       0,
     );
     out.push(
-      `check the axes: accel_x has ${short(x.by[1])} of speed x yaw_rate in it and accel_y ` +
-        `${short(y.by[0])} of the change of the speed: the IMU is turned about the vertical by ` +
-        `${degrees} degrees`,
+      `check the axes: accel_x contains ${short(x.by[1])} times (speed x yaw_rate), and accel_y ` +
+        `contains ${short(y.by[0])} times the rate of change of the speed: the IMU is turned about ` +
+        `the vertical by ${degrees} degrees`,
     );
   }
   const slip = differentiate(rear).map((s, i) => s * rear[i]);
@@ -413,9 +422,9 @@ function checkPlacement(d, front, rear) {
       share = by / (by + side.left + 1e-12);
     if (share >= P.asideShare && Math.abs(side.by[0]) > P.aside[0] && Math.abs(side.by[0]) < P.aside[1]) {
       out.push(
-        `check the wheels: front less rear wheel speed is ${short(side.by[0])} m times yaw_rate, as ` +
-          "left less right is: wheel_speed_front or _rear is of one side, or a left and a right wheel " +
-          "are one signal",
+        `check the wheels: front - rear wheel speed is ${short(side.by[0])} m times yaw_rate, like the ` +
+          "difference of left and right wheels: wheel_speed_front or _rear is of one side, or a left " +
+          "and a right wheel are one signal",
       );
     }
   }
@@ -488,8 +497,9 @@ function checkUnits(rows, car, { ratio, tracks } = {}) {
     );
 }
 
-// Return units and signs, as causes, of channels whose unit is in neither file nor name.
-// The steering angle is ignored: its ratio is unknown, and is estimated in map.js.
+// Return wrong units and signs, as causes, of the channels in `open`: those whose unit is
+// stated neither by the file nor by the name. The steering angle is ignored, because the
+// steering ratio is unknown; log.js estimates it.
 function guessUnits(rows, car, open) {
   if (rows.time.length < 50 || !rows.sampleTime) return [];
   const P = PAGE.check,

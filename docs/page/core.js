@@ -125,7 +125,7 @@ function formatRange(f) {
   return f.hi >= f.lo ? `${formatNumber(f.lo)} .. ${formatNumber(f.hi)}${unit}` : "any";
 }
 
-// Error of a setting that the library refuses. `setting`: its name.
+// Error: the library refuses a setting. `setting`: name of the setting.
 class Refused extends Error {
   constructor(text, setting) {
     super(text);
@@ -178,12 +178,12 @@ class Desk {
     else this.lib.f64[p.at >> 3] = value;
   }
 
-  // Set the defaults: an ordinary car (src/tables/uncalibrated.toml) of unknown mass.
+  // Set the settings of an ordinary car (src/tables/uncalibrated.toml) of unknown mass.
   defaults() {
     this.lib.c.page_defaults(this.base);
   }
 
-  // Set the car of the simulator, known exactly.
+  // Set the settings of the simulated car, whose parameters are known exactly.
   exact() {
     this.lib.c.page_exact(this.base);
   }

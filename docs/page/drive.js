@@ -1,15 +1,15 @@
 // drive.js - the second pane: the user drives the simulated car (src/host/simulate.c).
 
 const STEP = 0.01; // s between rows, for which the filter is tuned
-const MOST_STEER = 6; // degrees at the road wheels: at 72 km/h dry tyres slide
+const MOST_STEER = 6; // degrees at the road wheels; at 72 km/h, tyres on a dry road then slide
 const STEER_RATE = 8; // degrees/s by the arrow keys
 const FRAME = 0.05; // s: max time step of the page; a slower page drives slower than real time
 const SHOWN = 25; // s shown in the charts
 const LONGEST_DRIVE = 600; // s: max duration; the memory holds 60 000 rows
-// By road: stiffness over that of a dry road, and the optional friction coefficient,
-// typical values. Without friction the tyres are linear, and the true stiffness is that
-// of the settings. With it the force per slip decreases with slip, and so does the
-// estimate.
+// Name of a road, stiffness relative to a dry road, and friction coefficient, which is
+// used only if the box `slide` is checked. Typical values. Without friction the tyres are
+// linear. With friction, force / slip decreases with slip, and so does the estimated
+// stiffness.
 const ROADS = [
   ["dry", 1.0, 1.0],
   ["wet", 0.75, 0.7],
@@ -103,7 +103,7 @@ class DrivePane {
     const seed = Number($("seed").value),
       f = this.lib.field("simConfig", "seed");
     if (!(Number.isInteger(seed) && seed >= f.lo && seed <= f.hi)) {
-      $("drive-state").textContent = `seed: allowed are whole numbers, ${f.lo} .. ${f.hi}`;
+      $("drive-state").textContent = `seed: allowed are whole numbers in ${f.lo} .. ${f.hi}`;
       return;
     }
     desk.set("seed", seed, "simConfig");
@@ -156,7 +156,7 @@ class DrivePane {
     if (this.going) requestAnimationFrame((next) => this.frame(next));
   }
 
-  // Return the inputs of the driver: {steer, rad, force, N}.
+  // Return the inputs of the driver, and the speed: {steer [rad], force [N], v [m/s]}.
   driver() {
     const t = this.n * STEP,
       car = this.desk,
@@ -216,7 +216,7 @@ class DrivePane {
       level = Number($("level").value);
     if (this.n * STEP >= LONGEST_DRIVE) {
       if (this.going) this.toggle();
-      $("drive-state").textContent = `${LONGEST_DRIVE} s are as long as a drive of this page is; start over.`;
+      $("drive-state").textContent = `A drive on this page lasts at most ${LONGEST_DRIVE} s: start over.`;
       return;
     }
     const set = (name, value) => desk.set(name, value, "simInput");
@@ -412,7 +412,7 @@ class DrivePane {
     g.fillText(`lateral ${tidy(this.desk.sim("true_accel_y"), 2)} m/s²`, 10, 40);
     g.fillStyle = ink("soft");
     g.textAlign = "right";
-    g.fillText("arrows: way of the car; dashed the truth", wide - 10, tall - 10);
+    g.fillText("direction of motion: solid estimate, dashed truth", wide - 10, tall - 10);
     g.textAlign = "left";
   }
 

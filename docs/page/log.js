@@ -27,12 +27,12 @@ const CHANGES = [
 
 // Note above an estimate that differs from that of the command
 const ITSELF =
-  "Not calibrated on this log: the car is taken as an ordinary one of its mass and axles. " +
-  "`tselab estimate` and Python calibrate it first, " +
-  "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
+  "This estimate assumes an ordinary car of the stated mass and axle distances. " +
+  "`tselab estimate` and Python first calibrate the car on the log: their estimates are more certain " +
+  "and differ from these by some percent. With --no-calibrate, they are equal to these.";
 
-// Return the panels of a chart over a growing table. columns(): name -> values. truth(s):
-// true stiffness, or null.
+// Return the panels of a chart of estimates. columns() returns the table, which grows, as
+// name -> values. truth(s): true values of a stiffness, or null.
 function makePanels(lib, columns, truth, reason, height) {
   const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
   const panels = ["cy_front", "cy_rear", "cx_front"].map((s) => ({
@@ -114,7 +114,7 @@ class LogPane {
       ratioSd: null,
       plainRatioSd: null,
     });
-    this.said = new Map(); // settings by the user or the vehicle file, which rules keep
+    this.said = new Map(); // settings of the user or the vehicle file; rules do not change them
     this.driven = DRIVEN.front;
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
@@ -263,7 +263,8 @@ class LogPane {
     this.complain(null, "car-wrong");
   }
 
-  // Show the value of an unset setting in its empty field, by the present mass and axles.
+  // In the empty field of an unset setting, show the value that follows from mass, lf and
+  // lr.
   hint() {
     const made = this.car();
     for (const [name, input] of this.fields) {
@@ -316,8 +317,8 @@ class LogPane {
     for (const name of names) this.desk.set(name, from[name]);
   }
 
-  // Set what the page does not show. For a car that is not known exactly, these are the
-  // values of its class (filter_values() in scripts/tse/car/vehicle.py).
+  // Set the settings that the page does not show. If any uncertainty is not 0, they are
+  // those of an ordinary car (make_filter_values() in scripts/tse/car/vehicle.py).
   prior() {
     const shown = this.desk.settings(),
       names = this.lib.groups.flat();
@@ -336,7 +337,7 @@ class LogPane {
     for (const [name, value] of this.said) this.desk.set(name, value);
   }
 
-  // Set stiffness and inertia of the class, by mass and axles.
+  // Set stiffness and inertia to those of an ordinary car of this mass, lf and lr.
   byRule() {
     for (const name of this.lib.groups[0].filter((n) => /_stiffness_|^yaw_inertia$/.test(n)))
       this.desk.set(name, 0);
@@ -347,8 +348,8 @@ class LogPane {
     return this.guarded(async () => {
       if (!PAGE.toml)
         throw new Wrong(
-          `${file.name}: this copy of the page was built without its reader of vehicle files (npm ` +
-            "was not there)",
+          `${file.name}: this copy of the page cannot read vehicle files: it was built without npm. ` +
+            "Use the command tselab",
         );
       let said;
       try {
@@ -386,7 +387,7 @@ class LogPane {
       if (unknown.length) throw new Wrong(`${file.name}: key ${unknown.slice(0, 3).join(", ")} is not known`);
       const heavy = ["latency", "effects", "formula"].filter((n) => Object.keys(said[n] ?? {}).length);
       if (heavy.length)
-        throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
+        throw new Wrong(`${file.name}: this page cannot use [${heavy[0]}]: use the command tselab`);
       const driven = said.driven_axle ?? "front";
       if (!(driven in DRIVEN))
         throw new Wrong(`${file.name}: key driven_axle: ${driven} is not known; allowed: front, rear, both`);
@@ -420,7 +421,7 @@ class LogPane {
   async open(file) {
     await this.halt();
     this.file = this.ratioSd = null;
-    $("found").hidden = true; // results of another log
+    $("found").hidden = true; // these are results of the previous log
     $("run").disabled = true;
     $("mapping").hidden = true;
     this.notes([]);
@@ -454,7 +455,8 @@ class LogPane {
     return checkRows(this.file.table, this.file.map, this.car(), this.lib);
   }
 
-  // Set missing units and signs by the rows; return them in words, or "".
+  // Guess missing units and signs from the rows, and set them. Return them in words, or
+  // "".
   units() {
     const open = listOpenChannels(this.file);
     if (!open.size) return "";
@@ -479,7 +481,7 @@ class LogPane {
     return said.length ? `Guessed from the rows: ${said.join("; ")}.` : "";
   }
 
-  // Set the sd of a guessed steering ratio; null: the user stated the ratio.
+  // Set the relative sd of a guessed steering ratio; null: the user stated the ratio.
   loosen(sd) {
     this.ratioSd = sd;
     if (this.said.has("steer_ratio_sd")) return;
@@ -488,7 +490,7 @@ class LogPane {
     this.desk.set(f.name, Math.min(Math.max(sd ?? 0, this.plainRatioSd), f.hi));
   }
 
-  // Set sign and ratio of the steering by the rows.
+  // Guess sign and ratio of the steering from the rows, and set them.
   guess() {
     $("map-hint").textContent = "";
     if (this.file.own || !this.file.guessed.includes("steer_angle")) return;
@@ -503,18 +505,18 @@ class LogPane {
     if (found === null) return;
     const m = this.file.map.steer_angle,
       ratio = Math.abs(found.gain) * map.steer_angle.ratio,
-      wheel = ratio > 5; // above that of any steering rack
+      wheel = ratio > 5; // else the column is the angle of the road wheels, with the ratio 1
     if (found.gain < 0) m.sign = -1;
     if (wheel) m.ratio = Number(ratio.toPrecision(3));
     const sd = Math.hypot(found.sd, PAGE.check.sd.steer_angle);
     if (wheel) this.loosen(sd);
     const what = wheel
-      ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)`
-      : "the column is the road wheels' angle";
+      ? `the column is the angle of the steering wheel, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)`
+      : "the column is the angle of the road wheels";
     $("map-hint").textContent =
       `Guessed from the rows: ${what}` +
-      (found.gain < 0 ? ", positive to the right: its sign is turned." : ".") +
-      (wheel ? " Say the ratio if you know it better: the stiffness follows it." : "");
+      (found.gain < 0 ? ", positive to the right; the sign is changed." : ".") +
+      (wheel ? " State the ratio if you know it: a wrong ratio makes the stiffness wrong." : "");
     this.mapping();
   }
 
@@ -533,7 +535,7 @@ class LogPane {
       const m = map[channel],
         axle = isAxle(channel),
         id = `map-${channel}`;
-      const text = channel === "time" ? "of the row" : this.lib.field("input", channel).text;
+      const text = channel === "time" ? "time of the row" : this.lib.field("input", channel).text;
       const choice = (label, value, options, act) => {
         const s = make(
           "select",
@@ -570,7 +572,7 @@ class LogPane {
           choice(
             "right wheel",
             m.other,
-            [["", "(mean, or both in one)"], ...names.map((n) => [n, n])],
+            [["", "(none: one column per axle)"], ...names.map((n) => [n, n])],
             (v) => {
               m.other = v;
             },
@@ -608,8 +610,8 @@ class LogPane {
           step: "any",
           value: m.ratio,
           title:
-            "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road " +
-            "wheels' angle",
+            "steering ratio: angle of the steering wheel / angle of the road wheels; 1: the column is " +
+            "the angle of the road wheels",
         });
         ratio.setAttribute("aria-label", "steering ratio");
         ratio.onchange = () => {
@@ -662,8 +664,8 @@ class LogPane {
         : [];
       this.notes([...unknown, ...rows.notes, ...sampling]);
       $("against").textContent = this.against.length
-        ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, ` +
-          "whatever its rows say."
+        ? `${this.against.join("\n")}\nUntil this is corrected, no value of this log is usable, ` +
+          "even in rows that are marked as valid."
         : "";
       this.rows = rows;
       this.table = null;
@@ -770,7 +772,8 @@ class LogPane {
     $("reasons").replaceChildren(table);
   }
 
-  // Estimate the rows of a drive in the other pane. `settings`: those of its car.
+  // Estimate the rows of a drive of the pane Drive. `settings`: those of the simulated
+  // car.
   async adopt(rows, settings) {
     await this.halt();
     this.file = null;

@@ -1,12 +1,12 @@
 // map.js - assign the columns of a log to channels and units, and check the rows.
 //
 // The words and units are those of tselab (scripts/tse/channels/vocabulary.py,
-// scripts/tse/log/units.py), which scripts/dev/page.py puts into PAGE. The user can correct
-// the guesses. This is a third implementation of scripts/tse/channels (wheels.py,
+// scripts/tse/log/units.py), which scripts/dev/page.py puts into PAGE. The user can
+// correct the guesses. This is a third implementation of scripts/tse/channels (wheels.py,
 // scales.py, guesses.py, log.py). It leaves out: sign bits, flags, counters, clocks,
 // latencies, resampling, roles by physics and signals.toml.
 
-// Return the unit of a spelling as tselab writes it, or null.
+// Return the spelling of a unit under which PAGE.spelt has it, or null.
 function findUnit(text) {
   const plain = text
     .trim()
@@ -34,7 +34,7 @@ function splitWords(name) {
     .filter(Boolean);
 }
 
-// Return name and unit of "Speed [km/h]" or vx_kmh.
+// Split a column name such as "Speed [km/h]" or vx_kmh into name and unit ("": none).
 function splitUnit(name) {
   const found = /^(.*?)\s*[[({<]\s*([^[\](){}<>]*)\s*[\])}>]\s*$/.exec(name.trim());
   if (found?.[1] && (findUnit(found[2]) !== null || ["", "-", "1"].includes(found[2])))
@@ -188,7 +188,7 @@ function listUnits(channel) {
 
 const findStatedUnit = (column) => findUnit(column.unit) || findUnit(splitUnit(column.name)[1]) || "";
 
-// Return guessed channels whose unit is in neither file nor name.
+// Return the guessed channels whose unit is stated neither by the file nor by the name.
 function listOpenChannels(file) {
   const open = new Set();
   for (const channel of file.guessed) {
@@ -243,7 +243,7 @@ function computeMedian(x) {
   return n ? (n % 2 ? sorted[(n - 1) / 2] : (sorted[n / 2 - 1] + sorted[n / 2]) / 2) : NaN;
 }
 
-// max share of rows that are not later than the one before (tse/log/rows.py)
+// max share of rows whose time is not later than that of the row before (tse/log/rows.py)
 const MAX_BACK = 0.5;
 const FEW_OUTSIDE = 0.05; // max share of values outside the range; above it the column is wrong
 const MAX_SAMPLE_TIME = 1.0; // s: max median step of the rows
@@ -276,7 +276,7 @@ function checkRows(table, map, car, lib) {
     const factor = findFactor(m.unit, findSiUnit(channel, lib), radius);
     if (factor === null)
       throw new Wrong(
-        `${name}: ${channel}: ${m.unit} is no unit of it; allowed: ${listUnits(channel).join(", ")}`,
+        `${name}: ${channel} cannot have the unit ${m.unit}; allowed: ${listUnits(channel).join(", ")}`,
       );
     if (!(m.ratio > 0))
       throw new Wrong(
@@ -374,11 +374,11 @@ function maskOutside(values, f, name, table, notes) {
   if (!bad) return values;
   if (bad > FEW_OUTSIDE * values.length) {
     const hint =
-      f.name === "steer_angle" ? "choose degrees, or say the steering ratio" : "choose another unit";
+      f.name === "steer_angle" ? "choose degrees, or state the steering ratio" : "choose another unit";
     throw new Wrong(
       `${table.name}: ${table.place} ${table.line[first]}, column ${name}: ${formatNumber(values[first])} ` +
-        `${f.unit} is outside the allowed range ${formatRange(f)} (${bad} such rows). Is it the unit? ` +
-        `Then ${hint}`,
+        `${f.unit} is outside the allowed range ${formatRange(f)} (${bad} such rows). Is the unit ` +
+        `wrong? Then ${hint}`,
     );
   }
   notes.push(
@@ -388,9 +388,10 @@ function maskOutside(values, f, name, table, notes) {
   return values.map((x) => (x < f.lo || x > f.hi ? NaN : x));
 }
 
-// Return the mean speed of an axle from its two wheels. A missing wheel follows from the
-// other one and the yaw rate; the factor, track / radius, is found from rows with both
-// wheels (tse/log/rows.py), and is also written to `turn` if the log shows it.
+// Return the mean speed of an axle from its two wheels. If one wheel is missing, its
+// speed is computed from the other wheel and the yaw rate: right - left = track / radius
+// x yaw rate. The factor is found from rows with both wheels (tse/log/rows.py). It is
+// also stored in `turn` if it explains enough of the difference (PAGE.check.turnShown).
 function joinAxle(name, left, right, yawRate, keep, notes, turn) {
   const mean = left.map((x, i) => 0.5 * (x + right[i]));
   if (!yawRate) return mean;
@@ -422,8 +423,9 @@ function joinAxle(name, left, right, yawRate, keep, notes, turn) {
   return mean;
 }
 
-// Return the increasing time, and its rows. Rows without a time are left out, with a note
-// if they have values. Throws Wrong if the column is no time.
+// Return {time, keep}: the corrected times, which increase, and the indices of their
+// rows. Rows without a time are left out, with a note if they have values. Throws Wrong
+// if the column is no time.
 function selectForward(all, table, columns, notes) {
   const where = (i) => `${table.place} ${table.line[i]}`;
   const at = [];
@@ -462,7 +464,7 @@ function selectForward(all, table, columns, notes) {
 // max delay of an entry that is out of order, in rows and in s
 const LATE_ROWS = 8,
   LATE_TIME = 0.5;
-const BRIDGED = 60; // s: gap in place of a jump of the clock
+const BRIDGED = 60; // s: gap that replaces a jump of the clock by more than MAX_STEP
 
 // Return corrected times, as scripts/tse/log/clock.py: {time, kept: entries, notes}.
 function straighten(given) {
@@ -533,7 +535,7 @@ function straighten(given) {
   return { time, kept: at, notes };
 }
 
-// Return the times of entries that share a tick, spread evenly to the next one.
+// Return the times, with entries of equal time spread evenly up to the next time.
 function spreadTicks(t) {
   const ticks = Float64Array.from(new Set(t)).sort(),
     count = new Map();
@@ -549,8 +551,8 @@ function spreadTicks(t) {
   });
 }
 
-// Return sign and ratio of the steering by the rows: {gain: logged angle over that of the
-// road wheels, sd: of its logarithm}. null: too few bends.
+// Estimate sign and ratio of the steering from the rows: {gain: logged angle / angle of
+// the road wheels, sd: sd of ln |gain|}. null: too few bends.
 function estimateSteeringGain(rows, car) {
   const d = smoothChannels(selectLiveliest(rows, PAGE.check.mostRows)),
     s = fitSteering(

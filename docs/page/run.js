@@ -7,8 +7,8 @@ const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 70 columns of 8 bytes each are 
 
 const DRIVEN = { both: 0, front: 1, rear: 2 }; // the setting driven_axle
 
-// Return a function that waits for the page after each slice. It calls `said(what,
-// share)`.
+// Return the function breathe(what, share). It lets the browser update the page if more
+// than SLICE has passed since the last update, and first calls `said(what, share)`.
 function makeBreather(said = () => {}) {
   let since = performance.now();
   const channel = new MessageChannel();
@@ -24,9 +24,11 @@ function makeBreather(said = () => {}) {
 }
 
 const makeLengthError = (name, rows) =>
-  new Wrong(`${name}: has ${rows} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
+  new Wrong(
+    `${name}: has ${rows} rows; this page reads at most ${MOST_ROWS}. The command tselab has no limit`,
+  );
 
-// Set the sampling of the log, as `tselab estimate` does; return notes.
+// Set sample_time and max_gap for the log, as `tselab estimate` does; return notes.
 function setSampling(desk, sampleTime) {
   if (sampleTime === null) return [];
   const f = desk.lib.field("config", "sample_time"),
@@ -37,7 +39,7 @@ function setSampling(desk, sampleTime) {
   return Math.abs(used - sampleTime) > 1e-6
     ? [
         `rows are ${formatNumber(sampleTime)} s apart; ` +
-          `the nearest sample_time the filter knows is ${formatNumber(used)} s`,
+          `the nearest sample_time that is allowed is ${formatNumber(used)} s`,
       ]
     : [];
 }
@@ -62,7 +64,8 @@ function setWheels(desk, rows) {
   return one ? [r.oneSpeed] : [];
 }
 
-// Return the columns of the table in order: newer ones are last
+// Return the number of the group to which a column belongs. Columns that later versions
+// of tselab have added are in later groups, and are the last ones in the file
 // (scripts/tse/estimation/estimate.py).
 function findGeneration(name) {
   if (name.endsWith("_secant")) return 4;
@@ -111,7 +114,8 @@ class Table {
     });
   }
 
-  // Add the n rows of a desk; `first`: index of the first one.
+  // Add the n rows that a desk has estimated; `first`: index of the first of them in
+  // `time`.
   take(desk, time, first, n) {
     for (const m of this.made) {
       const column = this.columns[m.name];
@@ -212,14 +216,14 @@ function formatVehicle(desk, name) {
   const [vehicle, uncertain, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
   const driven = Object.keys(DRIVEN).find((axle) => DRIVEN[axle] === desk.get("driven_axle"));
   return (
-    `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ` +
-    `${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of ` +
-    `each, 0 for what is known exactly.\n[uncertainty]\n${uncertain}\n\n[sensors]\n${sensors}\n`
+    `# Vehicle file for tselab: settings of the page. SI units; stiffness per axle (both wheels).\nname = ` +
+    `${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# Uncertainty of these ` +
+    `parameters: sd; 0: known exactly.\n[uncertainty]\n${uncertain}\n\n[sensors]\n${sensors}\n`
   );
 }
 
-// Return the built-in example: a manoeuvre of tselab in the simulator, with true
-// stiffness.
+// Return the rows of the built-in example: a manoeuvre of tselab, simulated, with the
+// true stiffness.
 function makeExample(desk) {
   const e = PAGE.example,
     n = e.rows,

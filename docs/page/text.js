@@ -25,7 +25,7 @@ function formatShortestSingle(x) {
   return formatShortest(Number(single.toPrecision(9)));
 }
 
-// Return a cell as the nearest double, as pandas 3 does; NaN if it is no number.
+// Return the number in a cell as the nearest double, as pandas 3 does; NaN: no number.
 function parseNumber(text, comma) {
   const plain = comma ? text.replace(",", ".") : text;
   const number = Number(plain);
@@ -65,8 +65,8 @@ function decode(bytes, name) {
   if (text.slice(0, 65536).includes("\0")) {
     throw new Wrong(
       `${name}: is a binary file that this page does not read; it reads ` +
-        `CSV${PAGE.parquet ? " and Parquet" : ""}. For MF4, BLF, ROS bags and MAT there is the program ` +
-        "tselab: 'tselab estimate --help'",
+        `CSV${PAGE.parquet ? " and Parquet" : ""}. The command tselab reads MF4, BLF, ROS bags and MAT: ` +
+        "'tselab estimate --help'",
     );
   }
   return text;
@@ -114,7 +114,7 @@ function findDialect(name, lines) {
     const cells = rows.slice(0, 50).flat(),
       numeric = cells.filter(isData).length / cells.length;
     let value = (often / tail.length) * (0.2 + numeric) * (s === "," ? 0.9 : 1) + 1e-3 * width;
-    if (s === "," && tail.slice(0, 3).some((x) => /[;\t]/.test(x))) value *= 0.5; // a decimal comma
+    if (s === "," && tail.slice(0, 3).some((x) => /[;\t]/.test(x))) value *= 0.5; // probably decimal commas
     if (value > worth) [separator, worth] = [s, value];
   }
   if (!separator)
@@ -178,7 +178,7 @@ async function readText(name, bytes, breathe) {
     );
     lines.pop();
   } else throw new Wrong(`${name}: has one row, without a line break: it may be cut inside a number`);
-  // refuse before minutes of reading
+  // refuse a long file now, before reading takes minutes
   if (lines.length - d.first > MOST_ROWS + HEAD) throw makeLengthError(name, lines.length - d.first);
   const width = d.names.length,
     most = lines.length - d.first,
@@ -237,8 +237,8 @@ function parseClock(cell) {
 async function readParquet(name, bytes, breathe) {
   if (!PAGE.parquet)
     throw new Wrong(
-      `${name}: this copy of the page was built without its reader of Parquet (npm was not there); a ` +
-        "CSV is read",
+      `${name}: this copy of the page cannot read Parquet: it was built without npm. Convert the file ` +
+        "to CSV, or use the command tselab",
     );
   const columns = [],
     file = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength);

@@ -1,4 +1,5 @@
-// vendor.js - what the page takes of npm; scripts/dev/page.py bundles it, with the licences.
+// vendor.js - npm packages of the page; scripts/dev/page.py bundles them, with the
+// licences.
 import { parquetMetadata, parquetRead, parquetSchema } from "hyparquet";
 import { compressors } from "hyparquet-compressors";
 import { parse } from "smol-toml";
