@@ -51,14 +51,44 @@ SETTING_GROUPS = {  # heading of each table of settings, in the order of tse_con
 # Key: hook, the place in the model at which the function of an effect is called
 # (src/tables/effects.toml). Value: quantity that this function changes.
 HOOKS = {
-    "CONSTANT": "the settings, once",
+    "CONSTANT": "the settings, before the model runs",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
-    "LAG": "the delay from slip to force, which is a state",
+    "LAG": "slip or slip angle of the tyre forces, which become states of the model",
     "STIFFNESS": "the stiffness of an axle",
-    "GRIP": "the largest force of an axle",
+    "GRIP": "the secant stiffness of an axle, which limits its lateral force",
     "BODY": "forces and yaw moment on the body other than those of the tyres, and gravity",
     "SENSOR": "the signals of accelerometers and gyro",
+}
+# Column of the table of results (ESTIMATE_COLUMNS in tse.report.results) -> meaning
+RESULT_MEANINGS = {
+    "log": "path of the log",
+    "stretch": "number of the stretch in the log, from 1",
+    "start": "start of the stretch [s]",
+    "end": "end of the stretch [s]",
+    "stiffness": "cx_front, cy_front or cy_rear",
+    "value": "filtered stiffness in the last valid row or, if no row is valid, in the last row of the stretch "
+    "[N, N/rad]",
+    "sd": "standard deviation of value [N, N/rad]",
+    "low": "lower limit of the 95 % interval of value [N, N/rad]",
+    "high": "upper limit of the 95 % interval of value [N, N/rad]",
+    "smoothed": "stiffness smoothed over the stretch [N, N/rad]; empty with the paper's filter",
+    "smoothed_sd": "standard deviation of smoothed [N, N/rad]",
+    "smoothed_low": "lower limit of the 95 % interval of smoothed [N, N/rad]",
+    "smoothed_high": "upper limit of the 95 % interval of smoothed [N, N/rad]",
+    "smoothed_reason": "valid, or the reason why smoothed is not valid",
+    "spread": "sd of the stiffness from sample to sample / value; only of the paper's filter",
+    "nominal": "stiffness in the vehicle file [N, N/rad]",
+    "valid": "number of valid rows / number of rows of the stretch",
+    "usable": "yes, in part or no",
+    "reason": "most frequent reason of the rows that are not valid; empty if usable is yes",
+    "change": "kind of the change at the start of the stretch; empty in the first stretch",
+    "change_probability": "probability that since this change no further change, sliding or sensor fault has "
+    "begun",
+    "ratio": "stiffness after this change / before it",
+    "ratio_sd": "standard deviation of ratio",
+    "warnings": "warnings about log and vehicle file",
+    "text": "the result as a sentence",
 }
 
 
@@ -160,9 +190,15 @@ def make_uncalibrated() -> str:
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(
-        ["setting", "default", "exact", "why"],
+        ["setting", "default", "car known exactly", "unit", "reason for the default"],
         [
-            [format_code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", escape_cell(r["why"])]
+            [
+                format_code(n),
+                f"{r['value']:g}",
+                f"{getattr(exact, n):.9g}",
+                escape_cell(exact.fields[n].unit),
+                escape_cell(r["why"]),
+            ]
             for n, r in rows
         ],
         right=(1, 2),
@@ -204,7 +240,7 @@ def make_input_fields() -> str:
                 escape_cell(text),
             ]
         )
-    return format_table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
+    return format_table(["member", "type", "range", "unit", "out of range", "meaning"], rows)
 
 
 def list_output_members() -> dict[str, str]:
@@ -216,10 +252,21 @@ def list_output_members() -> dict[str, str]:
 
 
 def make_output_fields() -> str:
-    """Return the table of the members of tse_output."""
+    """Return the table of the members of tse_output.
+
+    A member that is the reason for an estimate in C is a flag in the table of estimates
+    and in the FMUs."""
     members = list_output_members()
     rows = []
     for f in library().fields(OUTPUT):
+        text = f.text
+        if f.name.endswith("_valid"):
+            text = (
+                "in C: 0 if the estimate is valid, otherwise the reason why it is not (tse_reason). Column and "
+                "FMU output: 1 valid, 0 not valid; the reason is in "
+                + f.name.removesuffix("_valid")
+                + "_reason"
+            )
         unit = f.unit if not f.is_integer else "integer"
         rows.append(
             [
@@ -227,10 +274,12 @@ def make_output_fields() -> str:
                 format_code(f.name),
                 format_code(C_TYPES[f.kind]),
                 escape_cell(unit),
-                escape_cell(f.text),
+                escape_cell(text),
             ]
         )
-    return format_table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
+    return format_table(
+        ["member of tse_output", "column of the estimates, FMU output", "type in C", "unit in C", "meaning"], rows
+    )
 
 
 def _format_codes(which: int) -> str:
@@ -313,7 +362,8 @@ def make_result_columns() -> str:
     from tse.report.results import ESTIMATE_COLUMNS
 
     return format_table(
-        ["column", "type in pandas"], [[format_code(n), t] for n, t in ESTIMATE_COLUMNS.items()]
+        ["column", "type in pandas", "meaning"],
+        [[format_code(n), t, escape_cell(RESULT_MEANINGS[n])] for n, t in ESTIMATE_COLUMNS.items()],
     )
 
 
@@ -387,13 +437,30 @@ def make_gap_exit_codes() -> str:
 
 
 def find_equation(effect: str) -> str:
-    """Return the comment on the function of an effect. It contains the equation."""
+    """Return the comment on the function of an effect as Markdown. It contains the
+    equation.
+
+    An indented line of the comment is an equation, and becomes a paragraph in code font.
+    References to functions and states of the code are left out."""
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
         for f in ("effects_constant.h", "catalogue.h")
     )
     comment = text.partition(f"/* {effect}: ")[2].partition("*/")[0]
-    return " ".join(line.strip(" *") for line in comment.splitlines()).strip()
+    made: list[str] = []
+    paragraph: list[str] = []  # lines of the paragraph that has begun
+    for line in (*(line.strip().removeprefix("*") for line in comment.splitlines()), ""):
+        is_equation = line.startswith("   ")
+        if line.strip() and not is_equation:
+            paragraph.append(line.strip())
+            continue
+        if paragraph:
+            words = re.sub(r" \([^()]*(?:\(\)[^()]*)?in \w+\.h\)", "", " ".join(paragraph))
+            made.append(escape_cell(words))
+            paragraph = []
+        if is_equation:
+            made.append(format_code(line.strip()))
+    return "\n\n".join(made)
 
 
 # ---- C headers
@@ -529,15 +596,16 @@ def make_controller() -> str:
         )  # fmt: skip
     head = [
         "core, number format",
-        "MHz",
-        "a row: mean [ms]",
+        "clock [MHz]",
+        "mean time of a row [ms]",
         "longest [ms]",
-        "least MHz at 100 Hz",
+        "lowest clock for 100 Hz [MHz]",
         "flash [kB]",
+        "flash with the particle filter [kB]",
+        "RAM [kB]",
+        "stack [kB]",
     ]
-    return format_table(
-        [*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9))
-    )
+    return format_table(head, rows, right=tuple(range(1, 9)))
 
 
 def make_flash() -> str:
@@ -547,14 +615,21 @@ def make_flash() -> str:
     The numbers are those of scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
+    names = {
+        "everything": "with all options",
+        "without any of these": "without any of these four",
+        "... and small": "without any of these four, with `TSE_SMALL`",
+    }
     return format_table(
-        ["", "flash [kB]"],
-        [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows],
+        ["build", "flash [kB]"],
+        [[names.get(name, name), f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows],
         right=(1,),
     )
 
 
-def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
+def select_results(
+    name: str, rows: Sequence[str], keep: Sequence[int], head: Sequence[str], titles: Sequence[str] = ()
+) -> str:
     """Return some rows and columns of a table of scripts/results.
 
     Parameters
@@ -566,16 +641,17 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
         the first row that begins with it is selected.
     keep
         Indices of the columns to select.
+    head
+        Titles of the selected columns.
+    titles
+        First cells of the selected rows; empty: those of the file.
     """
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
-    head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
-    found = [
-        lines[head],
-        *(next(line for line in lines if line.startswith(f"| {start} |")) for start in rows),
-    ]
+    found = [next(line for line in lines if line.startswith(f"| {start} |")) for start in rows]
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in found]
     kept = [[row[k] for k in keep] for row in cells]
-    return format_table(kept[0], kept[1:])
+    named = [[title, *row[1:]] for title, row in zip(titles, kept, strict=True)] if titles else kept
+    return format_table(head, named)
 
 
 def make_measured_cars() -> str:
@@ -585,15 +661,27 @@ def make_measured_cars() -> str:
     For comparison, the table also has the errors for cars that are not calibrated, and
     the errors without a filter: with the constant stiffness of the calibration, and with
     the best constant, the median of the true stiffness."""
-    names = (
-        "calibrated",
-        "calibrated, beside the secant without relaxation",
-        "calibrated, beside the stiffness at no slip",
-        "constant of the calibration",
-        "best constant, from the truth",
-        "not calibrated",
+    names = {  # estimator in the file -> title on the page
+        "calibrated": "filter, calibrated car; truth: secant over the slip angle of the wheels",
+        "calibrated, beside the secant without relaxation": "the same filter; truth: secant over the relaxed slip "
+        "angle",
+        "calibrated, beside the stiffness at no slip": "the same filter, output `stiffness`; truth: slope at zero "
+        "slip",
+        "constant of the calibration": "no filter: constant stiffness of the calibration",
+        "best constant, from the truth": "no filter: median of the true secants of the car",
+        "not calibrated": "filter, car not calibrated",
+    }
+    head = [
+        "estimator; truth",
+        "median error [%]",
+        "valid [% of rows]",
+        "error above 10 % [% of valid rows]",
+        "95 % interval contains truth [% of rows]",
+        "false changes per hour",
+    ]
+    return select_results(
+        "cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6), head, list(names.values())
     )
-    return select_results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
 
 
 def make_measured_events() -> str:
@@ -601,18 +689,43 @@ def make_measured_events() -> str:
     20 % after an event, such as ice or a loss of pressure.
 
     The table also has the ratio of the true stiffness after the event to that before it,
-    and the share of events that the filter reports within 5 s."""
-
-    return select_results(
-        "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
-    )
+    the share of events that the filter reports within 5 s, and the time after which the
+    measurements show the event."""
+    names = {  # event in the file -> title on the page
+        "ice": "ice: friction 25 .. 40 %, stiffness 40 .. 65 % of the dry road",
+        "split": "split: ice on one side of the car",
+        "aquaplaning": "aquaplaning for 3 s: front stiffness 15 .. 40 %, rear 40 .. 70 %",
+        "low_limit": "lower friction limit: 45 .. 60 %, stiffness unchanged",
+        "pressure": "one tyre loses pressure within 1 .. 3 min: its cornering stiffness falls to 60 .. 80 %",
+    }
+    head = [
+        "event",
+        "true secant, median after / before",
+        "valid in the next 60 s [% of rows]",
+        "time with a valid secant more than 20 % off, in the next 60 s [s]: median; 90 %; max",
+        "the same for the stiffness at zero slip [s]",
+        "reported within 5 s [% of drives]",
+        "shows after [s]: median, 90 %",
+    ]
+    return select_results("cars-events", list(names), (0, 2, 4, 5, 6, 7, 8), head, list(names.values()))
 
 
 def make_measured_logs() -> str:
     """Return a table of the stiffness estimated from logs of real cars."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
+    head = [
+        "log",
+        "sd of the calibrated cornering stiffness, front / rear [%]",
+        "this sd if all other parameters were known, front / rear [%]",
+        "front [kN/rad]",
+        "front valid [% of rows]",
+        "rear [kN/rad]",
+        "rear valid [% of rows]",
+        "sideslip: rms error of the filter [deg]",
+        "sideslip: rms error of the formula [deg]",
+    ]
     return select_results(
-        "real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11)
+        "real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11), head
     )
 
 
@@ -663,10 +776,10 @@ def make_tuning() -> str:
     head = [
         "settings",
         "mean `nis_accel_y`",
-        "`nis_yaw_rate`",
-        "autocorrelation of yaw rate's innovation",
-        "valid [%]",
-        "error [%]",
-        "± [%]",
+        "mean `nis_yaw_rate`",
+        "autocorrelation of `innovation_yaw_rate`",
+        "rows with valid `cy_front` [%]",
+        "error of `cy_front` at the end [%]",
+        "half of its 95 % interval [%]",
     ]
     return format_table(head, rows, right=(1, 2, 3, 4, 5, 6))
