@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     metavar="LOG.csv ...",
     type=FILE,
     multiple=True,
-    help="Logs that are not used for the fit; the calibrated car is validated on them. All files up to "
+    help="Logs that are not used for the fit; the calibrated car is validated on them. Takes all files up to "
     "the next option.",
 )
 @click.option(

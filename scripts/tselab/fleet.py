@@ -43,7 +43,7 @@ MAX_ERRORS = 10  # max number of printed errors
     metavar="DIR",
     type=FILE,
     required=True,
-    help="Directory, created if needed. Logs that are done there are not run again.",
+    help="Directory, created if needed. Logs whose results it already contains are not run again.",
 )
 @click.option(
     "--car", metavar="NAME", help="Name of the car of all logs; default: each folder of logs is a car."

@@ -46,8 +46,8 @@ HELD = click.option(
     metavar="LOG ...",
     type=FILE,
     multiple=True,
-    help="Logs that are not used for the fit; the result is validated on them. All files up to the next "
-    "option.",
+    help="Logs that are not used for the fit; the result is validated on them. Takes all files up to "
+    "the next option.",
 )
 
 REPORT = click.option(

@@ -169,7 +169,7 @@ CALIBRATE = click.option(
     "--calibrate/--no-calibrate",
     default=True,
     show_default=True,
-    help="First calibrate a car without calibrated stiffness on its own log.",
+    help="Before the estimate, calibrate a car without calibrated stiffness on its own logs.",
 )
 
 
