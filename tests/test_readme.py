@@ -36,53 +36,56 @@ def test_its_numbers_are_those_of_scripts_results():
     error, valid, off = (
         [x.strip() for x in c.split("/")][1:] for c in read_cells("cars-fresh.md", "all | calibrated |")[:3]
     )
-    assert (
-        "{}, {} % off; usable {}, {} % of the rows; of these {}, {} % over".format(*error, *valid, *off)
-        in facts
-    )
+    cars = "median error {}, {} %; usable in {}, {} % of the rows; {}, {} % of the usable rows are more"
+    assert cars.format(*error, *valid, *off) in facts
     error, valid, off = (
         [x.strip() for x in c.split("/")][1:] for c in read_cells("own.md", "all | on the log itself |")[:3]
     )
-    assert "{}, {} % off; usable {}, {} %; of these {}, {} % over".format(*error, *valid, *off) in facts
-    valid, off = (c.partition("/")[0].strip() for c in read_cells("cars-fresh.md", "all | calibrated |")[1:3])
-    assert f"along, calibrated | usable {valid} %; of these {off} % over 10 % off" in facts
+    assert cars.format(*error, *valid, *off) in facts
+    error, valid, off = (
+        c.partition("/")[0].strip() for c in read_cells("cars-fresh.md", "all | calibrated |")[:3]
+    )
+    assert (
+        f"median error {error} %; usable in {valid} % of the rows; {off} % of the usable rows are more"
+        in facts
+    )
     half, tenth = (c.split("/")[1].strip() for c in read_cells("cars-events.md", "ice |")[4].split(";")[:2])
-    assert f"usable rows over 20 % off for {half} s, in one drive of ten {float(tenth):.0f} s" in facts
+    assert f"(more than 20 % off) for {half} s in the median drive, {tenth} s in one of ten" in facts
     delay, longest = re.match(
         r"([\d.]+) \(([\d.]+)\)", read_cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
     ).groups()
-    assert f"detected after {delay} s (longest {longest})" in facts
+    assert f"detected after {delay} s (longest {longest} s)" in facts
     time, memory = (
         read_cells("bench.md", "default |")[0],
         read_cells("bench.md", "`tse_filter`: the default form |")[0],
     )
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
-    assert f"a PC in double {us:.0f} us, {kilobytes:.0f} kB" in facts
+    assert f"a PC in double | {us:.0f} us a row, filter of {kilobytes:.0f} kB" in facts
     *_, front, valid = read_cells("real.md", "stanford_250lm_a | the log itself |")[:5]
     assert (
-        f"{front} kN/rad, usable in {valid} % of its bends; by a regression with its "
-        "sideslip measured: 82 (78 .. 92)" in facts
+        f"{front} kN/rad, usable in {valid} % of the rows with bends. Reference, a regression with "
+        "measured sideslip: 82 (78 .. 92) kN/rad" in facts
     )
     assert "front 82 [78 92]" in (RESULTS / "real.md").read_text()
     whole = read_cells("real.md", "genesis_cpg_fast | the log itself |")[3]
-    assert f"{whole} kN/rad, and marked not usable" in facts
+    assert f"{whole} kN/rad, marked not usable" in facts
     assert read_cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
     quiet = read_cells("real.md", "rav4_comma2k19 | as in the file |")[3]
-    assert f"{quiet} kN/rad, and marked not usable" in facts and f"gives {quiet} kN/rad in front" in README
+    assert f"{quiet} kN/rad, marked not usable" in facts and f"gives {quiet} kN/rad in front" in README
     cost = read_cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].strip("*").replace(",", "")) for i in (0, 3, 5))
     assert (
-        f"Cortex-M4F in float {row:,} instructions, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM"
-        in facts
+        f"Cortex-M4F in float | {row:,} instructions a row, {flash / 1000:.0f} kB flash, "
+        f"{ram / 1000:.1f} kB RAM" in facts
     )
     state = int(read_cells("bench.md", "`tse_filter`: the default form |")[1].split()[0].replace(",", ""))
-    assert f"(the state of the default build: {state / 1000:.1f} kB)" in facts
+    assert f"the filter of the default build has {state / 1000:.1f} kB" in facts
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
-    assert (
-        f"gap, {len(over)} cars" in facts and f"unseen drives {over[0]} .. {over[-1]} of that before" in facts
-    )
+    hidden = sum(not line.startswith("| clean |") for line in loop)
+    assert f"`tselab gap`, {len(over)} simulated cars, {hidden} with a hidden effect" in facts
+    assert f"unseen drives is {over[0]} .. {over[-1]} of the error before" in facts
 
 
 PROGRAMS: dict[str, Path] = {}  # source, and its program; compiled once in a run of the tests
@@ -139,7 +142,7 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
     printed = f"{int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad"
-    assert f"the program prints {printed} (95 % interval). The true value is" in README
+    assert f"the estimate is {printed} (95 % interval). The true stiffness is" in README
     truth = pd.read_csv(log.with_name("truth.csv"))["true_cy_front"].iloc[-1]
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth
 
@@ -218,13 +221,13 @@ def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys
     said = capsys.readouterr().out
     assert said == re.search(r"```text\n(.*?)```", README, re.S)[1]
     truth = pd.read_csv("truth.csv").iloc[-1][["true_cy_front", "true_cy_rear", "true_cx_front"]] / 1000
-    assert "True are {:.0f}, {:.0f} and {:.0f}.".format(*truth) in README
+    assert "The true values are {:.0f} kN/rad, {:.0f} kN/rad and {:.0f} kN.".format(*truth) in README
     found = [tuple(map(int, x)) for x in re.findall(r"(\d+) ± (\d+) kN.* usable, valid", said)]
     assert all(abs(mean - true) < half for (mean, half), true in zip(found, truth, strict=True))
     mean, half = found[0]
     comment = " ".join(README.replace(" * ", " ").split())
-    assert f"The true value is {truth.iloc[0]:.0f}. Python's tse.estimate() first calibrates" in comment
-    assert f"calibrates the car on this log, and prints {mean} +- {half}. */" in comment
+    assert f"The true stiffness is {truth.iloc[0]:.0f} kN/rad. tse.estimate() in Python" in comment
+    assert f"calibrates the car on this log, and then estimates {mean} +- {half} kN/rad. */" in comment
 
 
 @pytest.mark.parametrize(
