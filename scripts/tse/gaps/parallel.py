@@ -30,14 +30,13 @@ def run_in_processes(
     """Return the results of `do` for each argument in `asked`, computed in up to `jobs`
     processes.
 
-    Each process is a forked copy of this one. It applies `light` to each result and sends
-    back what `light` returns, for example the result without large arrays. All other
-    changes that a copy makes in memory are lost.
+    Each process is a forked copy of this one. It applies `light` to each result, for
+    example to drop large arrays, and sends back what `light` returns.
 
-    There are no copies if `jobs` is 1, if there are fewer than two arguments, if this
-    process is itself a copy, or on systems other than Linux, where threads are used.
-    Changes in memory are then kept, and `light` is not applied. So `do` must not rely on
-    changes in memory, and the caller must accept results with and without `light`.
+    Nothing is forked if `jobs` is 1, if there are fewer than two arguments, in a process
+    that is itself a copy, or on systems other than Linux, where threads are used. `light`
+    is not applied then, so the caller must accept results with and without it. `do` must
+    not rely on changes in memory: they are lost in a copy, but kept without copies.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

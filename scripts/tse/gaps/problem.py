@@ -96,10 +96,9 @@ class Problem:
     def measure(self, values: Mapping[Key, float]) -> None:
         """Replace the measurements by a simulation of a car with these values.
 
-        Noise with a thousandth of the sd of the sensor noise is added. A fit ends when
-        the relative change of its sum of squares is small. Without this noise, the sum of
-        squares would converge to 0 with large relative changes, and the fit would not
-        end.
+        Noise with a thousandth of the sd of the sensor noise is added, so that a fit
+        ends: it ends when the relative change of its sum of squares is small. Without
+        noise, each iteration would reduce the sum by a large factor, towards 0.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
@@ -232,12 +231,13 @@ class Problem:
         A channel with the latency L has at time t the value of t - L. So an input of the
         simulation that has the latency L is read from the log at t + L.
 
-        The fitted delays of steering and IMU are converted to latencies of the inputs. If
-        the IMU is delayed by D, its values at time t belong to the inputs at t - D. All
-        inputs (steering angle and wheel speeds) must then be read at t - D, so they get
-        the latency -D. If the steering is delayed by D, the wheels have at time t the
-        angle that was logged at t - D. The steering angle must then be read at t - D, so
-        it gets the latency -D as well.
+        Fitted delays become latencies of the inputs. D is the fitted delay minus the
+        delay in the vehicle file.
+
+        IMU: its values at time t belong to the inputs at t - D. So all inputs (steering
+        angle and wheel speeds) get the latency -D.
+        Steering: the wheels have at time t the angle that was logged at t - D. So the
+        steering angle gets the latency -D.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):

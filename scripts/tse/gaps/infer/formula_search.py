@@ -1,11 +1,11 @@
-"""Search for a formula that explains the residuals that remain with the named effects,
-and for the place of the model at which the formula acts, such as the yaw moment. Named
-effects are those that the search for effects reported as missing in the vehicle file.
+"""Search for a formula that explains the residuals that the named effects leave, and for
+the place of the model at which it acts, such as the yaw moment. Named effects are those
+that the search for effects reports as missing in the vehicle file.
 
 A form is a formula without its coefficient (formula_terms.py). All forms at all places
 are first compared in a linearised model. Those with the largest expected gain are then
-simulated, with stiffness, named effects and the numbers of the formula fitted together.
-If there are held-out logs, they decide whether a formula is proposed.
+simulated, and stiffness, named effects and the numbers of the formula are fitted
+together. Held-out logs, if there are any, decide whether a formula is proposed.
 
 The gain of a formula in nats is a sum over the channels: half the number of independent
 residuals, times ln(sum of squares before / sum of squares after). Because of the
@@ -40,11 +40,9 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
-# [nat] Price that is subtracted from the gain of a formula for each of its operations and
-# each of its numbers. It compensates for multiple comparisons: among n formulas that only
-# fit noise, the best one gains about ln n. n is the number of forms times the number of
-# places times the number of start values, and ln n is about 12. A formula with six
-# operations and numbers in total pays this amount.
+# [nat] Price of each operation and of each number of a formula, subtracted from its gain.
+# Among n formulas that only fit noise, the best one gains about ln n. Here n = forms *
+# places * start values, and ln n is about 12: the price of six operations and numbers.
 PRICE = 2.0
 FITTED = 6  # max number of candidates, i.e. of formulas that are simulated
 PER_PLACE = 3  # max number of candidates that add to the same quantity of the model
@@ -73,11 +71,13 @@ class Discovery:
     """
 
     formula: Formula | None
-    # The fit with the formula; None without a formula. Residuals are divided by the sd of
-    # the sensor noise, not weighted as in Frame.balanced.
+    # The fit with the formula; None without a formula. It is made with the weights of
+    # Frame.balanced, but its residuals are divided by the sd of the sensor noise.
     fit: Fit | None
     nats: float = 0.0  # [nat] gain in ln likelihood by the formula, minus `price`
-    share: float = 0.0  # share of the gap without a formula (Frame.full) that the formula closes
+    # share of the gap that the formula closes. Gap: sum of squared residuals without a
+    # formula, minus the sum expected from sensor noise (Frame.full)
+    share: float = 0.0
     price: float = 0.0  # [nat] penalty for the length of the formula (compute_price())
     # name of a number of the formula -> lower and upper bound of this number in the fit
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -110,8 +110,8 @@ class Frame:
     length: dict[str, float]  # result of compute_correlation_lengths()
     # for each log: name of a signal -> its simulated values (compute_signals())
     at: list[dict[str, np.ndarray]]
-    # gap without a formula, from compute_excess(). The share of the gap that a formula
-    # closes is a share of this gap.
+    # gap without a formula: sum of squared residuals minus the sum expected from sensor
+    # noise (compute_excess())
     full: float
 
     @classmethod
@@ -205,10 +205,9 @@ def _list_places(problem: Problem) -> list[str]:
 def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return at most FITTED candidates, those with the largest gain. At most PER_PLACE of
-    them act at the same place. `listed` can have the same form at the same place several
-    times, with different start values of its numbers. Of these, only the one with the
-    largest gain is used.
+    """Return the candidates with the largest positive gain: at most FITTED in total, and
+    at most PER_PLACE at a place. The same form at the same place is returned only once,
+    with the best start values of its numbers.
 
     `listed` has the results of screen_forms(), sorted by falling gain.
     """
@@ -250,8 +249,8 @@ def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm
 def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
     """Return for each form: (expected gain [nat], coefficient), in the linearised model.
 
-    `logs` has for each log the values of the forms, an array of the shape (blocks,
-    forms).
+    `logs` has one array for each log: the values of the forms in the blocks of 40 ms,
+    with the shape (blocks, forms).
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
@@ -277,11 +276,11 @@ def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> l
 
 
 def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float) -> list[Discovery]:
-    """Fit a formula together with stiffness and named effects. Return it in a list of
-    length 1.
+    """Fit a formula together with stiffness and named effects. Return a list with the
+    result.
 
-    The list is empty if the formula is too long for the library, or if the gap at the
-    start of the fit is more than MAX_WORSE times the gap without a formula.
+    The list is empty if the library does not accept so long a formula, or if the gap at
+    the start of the fit is more than MAX_WORSE times the gap without a formula.
     """
     try:
         formula = terms.make_formula(place, term, coefficient)
@@ -342,15 +341,15 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
     """Return the confirmed formula with the largest total gain in fitted and held-out
     logs.
 
-    A formula must have a positive gain after its price and close at least MIN_SHARE of
-    the gap. With held-out logs, it is confirmed if in addition none of their channels
-    becomes significantly worse by more than MIN_HARM, and at least one becomes
-    significantly better. Significance is judged by the 95 % interval of the change. The
-    formula is not fitted to the held-out logs.
+    A confirmed formula has a positive gain after its price, and closes at least MIN_SHARE
+    of the gap. In addition:
 
-    Without held-out logs, a formula is confirmed only if, in the fit without the formula,
-    the residual rms of a channel exceeds NOISE_LIMIT times the sensor noise. Smaller
-    residuals are noise, and among so many forms there is always one that fits noise.
+    - With held-out logs, which are not used in the fit, at least one of their channels
+      becomes significantly better (95 % interval), and none becomes significantly worse
+      by more than MIN_HARM.
+    - Without held-out logs, the fit without the formula leaves in a channel a residual
+      rms of more than NOISE_LIMIT times the sensor noise. Smaller residuals are noise,
+      and one of so many forms always fits noise.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT

@@ -275,14 +275,14 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     return found
 
 
-# place of the model -> forms that are not tried at this place. There they would describe
-# the following effects of the catalogue, or latencies:
+# place of the model -> forms that are not tried at this place, because the search for
+# effects has already tested what they describe, a latency or an effect of the catalogue:
 #   accel_x      imu_scale_ax, pitch_leak, latency of accel_x
 #   accel_y      imu_scale_ay, body_roll, latency of accel_y
 #   yaw_rate     gyro_scale
 #   front_angle  steering_ratio, steering_lag, steering_delay
-# The search for effects has already tested them. As a formula, the same effect would have
-# a lower price, that is, a smaller penalty for complexity, than as a named effect.
+# As a formula, an effect has a lower price (penalty for complexity) than as a named effect,
+# so the formula would replace the named effect.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
@@ -329,9 +329,8 @@ def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.
 
     `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """
-    # A Formula needs a place of the model. The place has no influence on the values, but
-    # on the unit of the coefficient: it is the unit of the place divided by that of the
-    # form. front_angle is an angle in rad, so the coefficient has 1 / (unit of the form).
+    # The place does not influence the values. It sets the unit of k: that of the place
+    # divided by that of the form. front_angle is in rad, so k has 1 / (unit of the form).
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

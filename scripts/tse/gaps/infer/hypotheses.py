@@ -20,15 +20,15 @@ from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
 # Effects with one of these values in the column `occurrence` of src/tables/effects.toml
-# are not searched for.
-# ROAD: road profiles are estimated in infer/roads.py. A constant bank or grade cannot be
-# distinguished from a sensor bias.
-# ABSORBED: the fitted stiffness compensates for at least 95 % of the effect. The
-# remaining 5 % cannot be distinguished from the errors of tyre models, which are also
-# about 5 % (measured for aligning_moment, in logs of two simulators). Drag and rolling
-# resistance have this value, too. They hardly change the speed of the model, because the
-# model takes its speed from the measured wheel speeds. Their influence on accel_x looks
-# like a grade of the road.
+# are not searched for:
+#
+# - ROAD: infer/roads.py estimates road profiles. A constant bank or grade cannot be
+#   distinguished from a sensor bias.
+# - ABSORBED: the fitted stiffness compensates for at least 95 % of the effect. The rest
+#   cannot be distinguished from errors of tyre models, which are also about 5 % (measured
+#   for aligning_moment, in logs of two simulators). Drag and rolling resistance are
+#   ABSORBED for a different reason: they hardly change the speed, which the model takes
+#   from the wheel speeds, and in accel_x they look like a grade.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
 # prior mean of the number of effects that a vehicle file lacks, counting only those with
 # the occurrence SOME_CARS
@@ -65,8 +65,8 @@ UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
     "yaw_inertia_sd": "yaw_inertia_change",
     "roll_steer_sd": "rear_roll_steer_gain",
 }
-# prior sd of the strengths of an effect except the largest one, in units of their typical
-# size
+# prior sd of a strength of an effect, in units of its typical size. It is not used for
+# the strength that is largest in these units (Hypothesis.compute_ln_prior()).
 OTHER_SD = 1.0
 
 
@@ -121,10 +121,10 @@ class Hypothesis:
     def compute_ln_prior(self, values: Mapping[str, float]) -> float:
         """Return ln of the joint prior density of the effect's strengths at `values`.
 
-        The strength that is largest relative to its typical size has the prior of
-        compute_ln_size_prior(). The other strengths have normal priors whose sd is
-        OTHER_SD times their typical size. But if the vehicle file states an sd for the
-        effect, all strengths have the normal priors of fit_prior().
+        If the vehicle file states an sd for the effect, all strengths have the normal
+        priors of fit_prior(). Otherwise, the strength that is largest relative to its
+        typical size has the prior of compute_ln_size_prior(). The others have normal
+        priors with the sd OTHER_SD times their typical size.
         """
         strengths = self.effect.strengths
         if strengths[0].prior:
@@ -219,10 +219,11 @@ def compute_threshold(effects: int) -> float:
 def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior that a parameter has in a fit.
 
-    If the vehicle file states a prior, this prior is used. Otherwise the prior of a
-    strength is wide, because its plausible sizes are taken into account only after the
-    fit (search.compute_ln_size_odds()). The prior of a shape has the middle of the
-    typical range as mean, and half the width of this range as sd.
+    - A prior that the vehicle file states is used as it is.
+    - A strength (the size of an effect) otherwise has a wide prior. After the fit,
+      search.compute_ln_size_odds() replaces it by the prior of plausible sizes.
+    - A shape (any other parameter) has as mean the middle of its typical range, and as sd
+      half the width of this range.
     """
     if p.prior:
         return p.default, p.prior

@@ -27,13 +27,12 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# The search computes the probability of many sets of effects. An effect B replaces a
-# named effect A if B is not in the most probable set, and if a set contains B but not A.
-# B is reported as a look-alike of A if the sum of the probabilities of such sets is at
-# least ALIKE_AT times the probability that A, or any effect that replaces A, is missing.
-# The factor is small, because the evidence has an error of about 2 nats. For example, the
-# evidence for mass and that for yaw inertia differ by 2 nats, although no log can
-# distinguish mass from yaw inertia.
+# The search computes the probability of many sets of effects. Effect B replaces a named
+# effect A in a set that contains B but not A, if B is not in the most probable set. B is
+# a look-alike of A if the sum of the probabilities of these sets is at least ALIKE_AT
+# times the probability that A, or any effect that replaces A, is missing. ALIKE_AT is
+# small, because the evidence has an error of about 2 nats: the evidence for mass and for
+# yaw inertia differs by 2 nats, although no log can distinguish them.
 ALIKE_AT = 0.02
 # An effect that is not named is reported as possible if its probability is at least this
 POSSIBLE_AT = 0.1
@@ -43,9 +42,8 @@ POSSIBLE_AT = 0.1
 # it is visible (ROAD_CHANNEL). Superelevation is named even if it closes less.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
-# Bank and grade of the roads close a part of the gap. If the named effects of car and
-# sensors close more than MIN_NAMED of the rest of the gap, the verdict is that the model
-# lacks these effects, even if a part of the gap remains.
+# The verdict is that the model lacks the named effects of car and sensors if they close
+# more than MIN_NAMED of the gap that bank and grade of the roads leave.
 MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
 MAX_SETS = 8  # max number of sets of effects that are reported, each with its probability
@@ -99,8 +97,9 @@ class Named:
         """True if the cause is not in the car, but in the messages (latency) or in the
         IMU (low-pass filter).
 
-        This is the case for the latencies of make_latencies(), and for an effect of the
-        catalogue with a fitted strength below Effect.early_below.
+        True for the latencies of make_latencies(), and for an effect of the catalogue
+        with a fitted strength below Effect.early_below, where a latency or a low pass is
+        the cause.
         """
         e = load_catalogue().get(self.effect.id)
         if e is None:
@@ -181,9 +180,10 @@ def name_effects(
     full = compute_excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
-        # The sizes come from `sized`, a fit of the named effects only. The widths of the
-        # intervals come from `final`, a fit in which any effect without a name may reach
-        # about its negligible size. So the widths include the influence of such effects.
+        # Sizes come from `sized`, a fit of the named effects only. Widths of intervals
+        # come from `final`, a fit in which the effects without a name are not fixed at 0,
+        # but have a narrow prior about 0. So the widths include the influence of these
+        # effects.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.compute_sd())}
@@ -248,11 +248,9 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
     """Return the road profiles as named effects.
 
     `level` and `on_road` are fits of the car without effects: `level` on level roads, and
-    `on_road` on roads with the bank and grade that were estimated from the logs. Each
-    profile is judged in the channel in which it is visible (ROAD_CHANNEL). The gap of
-    this channel is smaller with `on_road` than with `level`. The difference is the gap
-    that the profile closes. If it is less than MIN_CLOSED of the channel's gap with
-    `level`, the profile is not named.
+    `on_road` on roads with the estimated bank and grade. A profile is judged by the gap
+    of the channel in which it is visible (ROAD_CHANNEL). It is named if this gap is
+    smaller in `on_road` than in `level` by at least MIN_CLOSED of the gap in `level`.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -359,8 +357,8 @@ class Probability:
         return self.effects.get(effect, 0.0) + stand_in
 
     def compute_spread(self, search: Search, named: Judged) -> np.ndarray:
-        """Return the covariance of ln stiffness between the sets, weighted by their
-        probability, about the stiffness of the set `named`.
+        """Return the sum of p d d' over all sets. p is the probability of a set, and d is
+        ln stiffness fitted with this set, minus ln stiffness fitted with the set `named`.
         """
         sets = search.list_judged()
         away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
@@ -395,10 +393,9 @@ def _make_named(
     """Return an effect as a named effect, with its evidence and the shares of the gap
     that it closes.
 
-    `h` is the effect. `final` is the fit of all effects, in which a narrow prior keeps
-    those without a name at about their negligible size or below. `plain` is the fit of
-    the named effects only, and `last` is `plain` converted to a Fit. `full` is the gap of
-    the car without effects.
+    `h` is the effect. `plain` is the fit of the named effects only, and `last` is `plain`
+    converted to a Fit. In the fit `final`, the effects without a name are not 0, but have
+    a narrow prior about 0. `full` is the gap of the car without effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
@@ -422,9 +419,8 @@ def _make_sized_name(
     """Return a named effect with size, interval, probability and look-alikes.
 
     The size comes from `judged`, the fit of the named effects only. The width of the
-    interval comes from `rough`, the fit of all effects, in which a narrow prior keeps
-    those without a name at about their negligible size or below. If `rough` is None, the
-    width comes from `judged`, too.
+    interval comes from the fit `rough`, in which the effects without a name are not 0,
+    but have a narrow prior about 0. If `rough` is None, the width comes from `judged`.
     """
     sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
@@ -462,9 +458,10 @@ def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit
 def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Return fitted values as settings of a vehicle file.
 
-    A negative delay of steering or IMU becomes the delay 0 and latencies of channels.
-    Latencies of messages become latencies of channels, too. Parameters of the road are
-    left out, except superelevation.
+    A vehicle file has no negative delays. A steering delay of -D becomes the delay 0 and
+    the latency +D of the steering angle. An IMU delay of -D becomes the delay 0 and the
+    latency +D of steering angle and wheel speeds. Latencies of messages become latencies
+    of channels. Parameters of the road are left out, except superelevation.
     """
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)

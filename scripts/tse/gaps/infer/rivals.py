@@ -2,12 +2,13 @@
 
 A named effect is one that the search reports as missing in the vehicle file. The gap is
 the sum of squared residuals minus the sum expected from sensor noise
-(fit.compute_excess()). Named effects may close only a small part of the gap, or they may
-close it only because they are many. In both cases they may merely imitate an effect that
-is not in the catalogue. Therefore three combinations are compared, called worlds here:
-the named effects alone, the named effects with a formula for the residuals that they
-leave, and a formula without named effects. The ln probability of a world is, up to a
-constant,
+(fit.compute_excess()).
+
+Named effects that close only a small part of the gap, or that are many, may merely
+imitate an effect that is not in the catalogue. Therefore three combinations, called
+worlds here, are compared: the named effects alone, the named effects with a formula for
+the residuals that they leave, and a formula without named effects. The ln probability of
+a world is, up to a constant,
 
     sum over channels of ln likelihood of the residuals (search.py) - price.
 
@@ -47,10 +48,9 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# Min share of the gap (top of this file) that all named effects together must close. It
-# is checked only if a formula is searched for, i.e. if the user asks for one or if
-# residuals above the sensor noise remain with the named effects. If the effects close
-# less, none of them is named.
+# Min share of the gap (top of this file) that all named effects together must close. If
+# they close less, none is named. Checked only if a formula is searched for: the user asks
+# for one, or the named effects leave residuals above the sensor noise.
 MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
 # Reason that the user reads if an effect that the search has named is not named in the
@@ -160,14 +160,13 @@ def explain_remainder(
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
     """Search for formulas. Return the result of the formula search, the named effects,
     and a list of all worlds that were compared. A world is a combination of named effects
-    and a formula (or none) that could be the truth.
+    and a formula (or none).
 
-    The named effects are those of the world that Worlds.find_best() returns. The formula
-    is the one that the formula search with these effects proposes, if any. But an effect
-    of this world is not named if the product of two probabilities is below NAME_AT. The
-    first is the probability that the vehicle file lacks this effect or an effect that
-    replaces it in other sets of effects (Named.whole). The second is the total
-    probability of the worlds that name this effect (Worlds.with_name()).
+    The named effects are those of the best world (Worlds.find_best()). But an effect
+    loses its name if Named.whole * Worlds.with_name() is below NAME_AT: the probability
+    that the vehicle file lacks the effect or one that replaces it in other sets, times
+    the total probability of the worlds that name the effect. The formula is the one that
+    the formula search with the named effects of the best world proposes, if any.
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the named effects together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
@@ -212,11 +211,10 @@ def explain_remainder(
 def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
     """Return the formula, and the named effects that are still needed beside it.
 
-    `last` is the result of the formula search. Its fit contains the named effects and the
-    formula. The formula may explain residuals that a named effect explains in the fit
-    without a formula. An effect is no longer named if the 95 % intervals of all its
-    strengths include the default values, at which there is no effect. Each interval is
-    that of the fit without a formula, shifted to the value in `last` (Named.at()).
+    `last` is the result of the formula search, a fit of named effects and formula
+    together. An effect is no longer named if, in this fit, the 95 % interval of each of
+    its strengths includes the default, at which there is no effect. The intervals have
+    the widths of the fit without a formula (Named.at()).
     """
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming

@@ -5,10 +5,8 @@ Bank and grade change the measurements as much as a change of the tyres does, bu
 more slowly. A fit on level roads would explain them by a scale error of accel_y or by
 different tyres. Therefore road and car are fitted together.
 
-If the car were fitted first, on level roads, and the road afterwards, the parameters of
-the car would be biased by the road. The fit of the road could not correct them. The
-biased car would have larger residuals of the yaw rate, and the road could not reduce
-these residuals, because bank and grade have no direct influence on the yaw rate.
+A fit of the road after the fit of the car could not correct this: the wrong car has
+residuals of the yaw rate, on which bank and grade have no direct influence.
 """
 
 from __future__ import annotations

@@ -44,20 +44,19 @@ MAX_EFFECTS = 12  # max number of effects in a set
 MAX_ROUNDS = 12  # max number of steps of one climb (_climb()), each with the fit of a set
 PASSES = 4  # max number of climbs after the first one, each followed by _fit_rivals()
 AT_ONCE = 2  # max number of effects that are added, removed or replaced between two fits
-# max number of other effects that replace an effect of the best set, each in a fit of its
-# own (_fit_rivals())
+# max number of replacements that are fitted for each effect of the best set
+# (_fit_rivals())
 RIVALS = 2
 # [nat] A set is not fitted if its approximate evidence is below that of the best set by
 # more than this value.
 FAR = 12.0
 WORTH = 0.1  # [nat] min increase of the evidence for which a set counts as better
 # If no change of a single effect raises the evidence of a set, pairs of effects are
-# added. One effect of a pair is among the PAIRED effects for which the evidence is
-# largest when only this one effect is added. The second effect can be any other effect.
+# added: one of the PAIRED effects with the largest evidence when added alone, and any
+# other.
 PAIRED = 8
-# Number of iterations of Around.judge(), which approximates the evidence of a set that
-# was not fitted. Each iteration computes first the unknowns, with the latest variances of
-# the channels, and then new variances from the residuals.
+# Number of iterations of Around.judge(). Each iteration computes the unknowns for given
+# variances of the channels, and then the variances from the residuals at these unknowns.
 WEIGHINGS = 4
 
 
@@ -383,13 +382,12 @@ class Search:
         return self.near[ids]
 
     def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
-        """Return the ids of the set to which at most `changes` successive changes lead
-        from the set `start`.
+        """Return the ids of the set that is reached from `start` by at most `changes`
+        changes.
 
-        Each change adds, removes or replaces one effect: the one that raises the
-        approximate evidence most. If no change of one effect raises it by WORTH, two
-        effects are added at once, or two are replaced by one. If this does not raise it
-        by WORTH either, there are no further changes.
+        A change adds, removes or replaces one effect, so that the approximate evidence
+        rises most. If it would rise by less than WORTH, two effects are added, or two are
+        replaced by one. If the evidence still rises by less than WORTH, the search ends.
         """
 
         def get_evidence(ids: frozenset[str]) -> float:

@@ -30,9 +30,9 @@ STIFFNESS_SD = 0.5
 # prior sd of the strength of an effect outside the fitted set of effects (see the top of
 # this file), as a multiple of CatalogueParameter.negligible
 ABSENT = 0.5
-# rms of the model error that even the best model has, in units of the noise of a block.
-# With noise of rms 1, the residuals then have the rms NOISE_LIMIT, up to which a model
-# counts as explaining a channel.
+# rms of the error that even the best model has, in units of the noise of a block. Noise
+# (rms 1) and this error together have the rms NOISE_LIMIT, the largest residual rms with
+# which a model counts as explaining a channel.
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
 # Width of the finite differences for effects outside the fitted set, as a multiple of
 # CatalogueParameter.step. As a step is 0.02 of the typical size of a parameter, the width
@@ -99,9 +99,9 @@ class Space:
         """Return the prior mean and sd that the unknowns have if `members` are the
         effects of the set.
 
-        A shape parameter, such as a time constant, gets the same prior whether its effect
-        is in `members` or not. Around.judge() replaces this prior for effects outside
-        `members`, because it keeps their shape parameters fixed.
+        Shape parameters, such as time constants, have the same prior in the set and
+        outside it. Around.judge() overwrites it for effects outside the set, to fix their
+        shapes.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -136,9 +136,9 @@ class Space:
         """
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
-    # Function that converts the unknowns x back to values. It is to_search() again,
-    # because 1 / (1 / value) = value. tse.identify.fit calls it by the name to_ln(),
-    # because in CarProblem the function of this name returns ln(stiffness).
+    # Converts the unknowns x to values. It is to_search() again, because 1 / (1 / value)
+    # = value. The name comes from CarProblem, where this function returns ln(stiffness);
+    # tse.identify.fit calls it for both.
     to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
@@ -152,10 +152,10 @@ class Space:
     def at(self, values: Mapping[str, float]) -> np.ndarray:
         """Return the unknowns x at which a fit starts.
 
-        A parameter starts at its value in `values`. If it has no value there, it starts
-        at choose_start() if its effect is in the set, otherwise at its default. The
-        strengths of an effect of the set also start at choose_start() if all their values
-        in `values` are negligible.
+        A parameter starts at its value in `values`. Without such a value, it starts at
+        choose_start() if its effect is in the set, otherwise at its default. If all
+        strengths of an effect of the set are negligible in `values`, they start at
+        choose_start(), too.
         """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
@@ -222,11 +222,10 @@ class Space:
         """Compute partial derivatives by simulation, and return one matrix for each
         group.
 
-        Each element of `parts` is a pair (reach, chosen). `reach` is the width of the
-        finite differences, as a multiple of CatalogueParameter.step. If `chosen` is True,
-        this width is used for the stiffnesses and the effects of the set. If it is False,
-        the width is used for the effects outside the set. If `parts` has no width for an
-        unknown, its column is 0. `base` are the residuals at x.
+        `parts` has pairs (reach, chosen). The finite differences have the width `reach`
+        times CatalogueParameter.step, for stiffnesses and effects of the set if `chosen`
+        is True, and for effects outside the set if it is False. Unknowns without a pair
+        get a column of 0. `base` are the residuals at x.
         """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
@@ -258,10 +257,9 @@ class Space:
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return, for each residual of a group, the yaw rate of a steady turn with a
-        lateral acceleration of 1 m/s2 at the current speed, in units of the noise. It is
-        used to convert a lower limit of the lateral acceleration to a lower limit of the
-        yaw rate.
+        """Return, for each residual of a group, the yaw rate of a steady turn with 1 m/s2
+        lateral acceleration at the current speed, in units of the noise. Multiplied by a
+        limit of the lateral acceleration [m/s2], it gives the limit of the yaw rate.
         """
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.average_quantity("wheel_speed_rear")[rows]

@@ -23,13 +23,12 @@ FALSE_DISCOVERIES = 0.01
 # min |rank correlation| between a signal and the mean square of the residual, for which
 # "high" or "low" values of the signal are reported as a condition
 MIN_CORRELATION = 0.15
-# min number of windows with residuals of a channel (RESIDUAL_WINDOW_TIME). With fewer, no
-# driving conditions are searched for in which its residuals are large
+# min number of windows (RESIDUAL_WINDOW_TIME) with residuals of a channel, for which
+# conditions of this channel are reported
 MIN_WINDOWS = 20
-# Max squared correlation between the disturbance that is estimated for the bank of the
-# road and the lateral acceleration of the car. The lateral acceleration follows the
-# steering, the bank of a road does not. So if the correlation is larger, the disturbance
-# comes from the car, and the bank is ranked last.
+# Max squared correlation between the bank of the road, estimated as a disturbance, and
+# the car's lateral acceleration. If it is larger, the disturbance follows the steering.
+# So it comes from the car, not from the road, and the bank is ranked last.
 MAX_FOLLOWED = 0.5
 # [blocks] time between the points at which a disturbance is estimated. Between two
 # points, the disturbance is interpolated linearly.
@@ -153,10 +152,10 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     found = []
     for place, id_ in PLACES.items():
         change = compute_responses(problem, last.values, at, id_, hats)
-        # The part that the fitted parameters could explain is first projected out of the
-        # responses and of the residuals. `parts` then has a tuple for each log: singular
-        # values and right singular vectors of the responses, components of the residuals
-        # along the left singular vectors, and the sum of squared residuals.
+        # Project the part that the fitted parameters could explain out of responses and
+        # residuals. For each log, `parts` then has: singular values and right singular
+        # vectors of the responses, minus the components of the residuals along the left
+        # singular vectors, and the sum of squared residuals.
         parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])

@@ -1,4 +1,4 @@
 """Run `tselab gap`, `tselab gap check` and `tselab gap plan`, and write their results:
 verdict, report, pictures, tables, and the improved vehicle file. Also compute by how much
-this file improves the estimates.
+the improved vehicle file improves the estimates.
 """

@@ -75,9 +75,8 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """Return the content of the vehicle file with the fitted stiffness and the named
     effects.
 
-    `vehicle` must be the vehicle file as the user wrote it. If the user left sensor
-    settings out, `vehicle` must not contain the estimates that fill_sensors() adds for
-    them. Otherwise these estimates would become part of the file.
+    `vehicle` must be the vehicle file as the user wrote it, without the sensor settings
+    that fill_sensors() estimates. They would become part of the file.
     """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]

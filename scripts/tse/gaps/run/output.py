@@ -100,8 +100,8 @@ def write_all(
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
     stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
-    # Both cars get the same sensor settings. If the vehicle file leaves a sensor setting
-    # out, it is estimated from the first log.
+    # A sensor setting that the vehicle file leaves out is estimated from the first log,
+    # in the same way for both cars.
     for vehicle in (old, new):
         fill_sensors(vehicle, read[0][2])
     gained = compute_gain(read, old, new, jobs, say)
@@ -220,9 +220,9 @@ def list_log_names(problem: Problem) -> list[str]:
 # ---- gain of the estimator
 #
 # The true stiffness is unknown, so the error of the estimates cannot be computed.
-# Instead, the gain is measured by two quantities: the log evidence of the rows [nat],
-# i.e. the log likelihood of the measurements of a row, given all earlier rows, and the
-# share of the rows whose estimates are valid.
+# Instead, the gain is measured by two quantities: the log evidence of the rows [nat], and
+# the share of the rows with valid estimates. Log evidence is the log likelihood of the
+# measurements of a row, given all earlier rows.
 
 
 def compute_gain(

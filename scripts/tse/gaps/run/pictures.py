@@ -96,8 +96,8 @@ def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure
     """Plot the ratio of residual rms to sensor noise for each channel, before and after
     effects were added.
 
-    The error bars show the 95 % interval of the relative change from before to after. It
-    comes from a bootstrap that draws the same blocks of residuals before and after.
+    The error bars show the 95 % interval of the relative change from before to after,
+    from a bootstrap that uses the same blocks of residuals for both.
     """
     figure = make_subplots(
         1,
