@@ -16,8 +16,8 @@ typedef enum tse_status {
                                  * -ffast-math, with -ffp-contract=off */
   TSE_E_FORMAT = -11,           /* a setting leads to numbers that do not fit the fixed-point format of
                                  * this build; use double or float */
-  TSE_E_OLD = -10,              /* the learnt state was written by an older version of this library; learn
-                                 * anew */
+  TSE_E_OLD = -10,              /* the learnt state (estimates of an earlier drive) was written by an older
+                                 * version of this library; learn anew */
   TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle: it was saved with other
                                  * settings of the vehicle, of effects or of the formula */
   TSE_E_VERSION = -8,           /* the learnt state was written by a newer version of this library */
@@ -40,18 +40,20 @@ typedef enum tse_status {
   TSE_W_MISSING_CHANNEL = 3,    /* a measurement is missing; the others are used */
   TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: stiffness is not
                                  * updated */
-  TSE_W_PREDICTED = 5,          /* all measurements or an input are missing: the filter only predicts */
-  TSE_W_GAP = 6,                /* long gap between rows, or jump of the sensors: the motion is set from
-                                 * the sensors, all other estimates are kept */
+  TSE_W_PREDICTED = 5,          /* the steering angle (paper's filter: or a wheel speed) or all
+                                 * measurements are missing: the filter only predicts */
+  TSE_W_GAP = 6,                /* long gap between rows or in the steering angle, or jump of the wheel
+                                 * speeds: the motion is set from the sensors, all other estimates are kept */
   TSE_W_RECOVERED = 7,          /* the filter started over, because its state was not finite (memory fault
                                  * or overflow) */
   TSE_W_WAITING = 8,            /* no step in this row: the filter waits for channels with a latency; the
                                  * estimates are those of the last step, or of the start */
-  TSE_W_RANGE = 9,              /* a number of the filter reached the limit of the fixed-point format: the
-                                 * number is kept at this limit, or the sample that led to it is not used */
-  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: one has a wrong unit or sign,
-                                 * belongs to a different axle, or is late; fault_channel names it,
-                                 * fault_factor is the factor by which it is too large */
+  TSE_W_RANGE = 9,              /* a number of the filter is near the limit of the fixed-point format, at
+                                 * which it saturates */
+  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: one has a wrong unit or sign, front
+                                 * and rear wheel speeds are exchanged, or one is late; fault_channel names
+                                 * the channel, fault_factor is the factor by which it is too large (0: its
+                                 * error is not a factor) */
   // clang-format on: end of table
   TSE_STATUS_END_
 } tse_status;
@@ -72,9 +74,10 @@ typedef enum tse_reason {
                                  * from mass_sd to grade_sd): calibrate, or measure the parameters better */
   TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or search for a
                                  * missing effect (tselab gap) */
-  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: one has a wrong unit or sign,
-                                 * belongs to a different axle, or is late; fault_channel names it,
-                                 * fault_factor is the factor by which it is too large */
+  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: one has a wrong unit or sign, front
+                                 * and rear wheel speeds are exchanged, or one is late; fault_channel names
+                                 * the channel, fault_factor is the factor by which it is too large (0: its
+                                 * error is not a factor) */
   // clang-format on: end of table
   TSE_REASON_END_
 } tse_reason;

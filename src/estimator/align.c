@@ -3,11 +3,10 @@
  *
  * L is the largest latency of all channels, or 0 if no channel is late. At the time `now`
  * the values of all channels have arrived for times up to now - L. The composed row
- * refers to the time now - L or, so that accel_x need not be interpolated, to the last
- * row of accel_x before this time (latencies.c). The value of channel c for the time of
- * the composed row was logged latency_age[c] [s] before now. It is interpolated linearly
- * between the stored rows. dt of a composed row is the time since the previous composed
- * row.
+ * refers to the time of the last value of accel_x at or before now - L, so that accel_x
+ * need not be interpolated (latencies.c). The value of channel c for this time was logged
+ * latency_age[c] [s] before now. It is interpolated linearly between the stored rows. dt
+ * of a composed row is the time since the previous composed row.
  *
  * Interpolation between two rows with the weights w and 1 - w multiplies the variance of
  * white noise by w^2 + (1 - w)^2, and correlates the noise of neighbouring rows. At low
@@ -22,9 +21,10 @@
 
 #if TSE_LATENCY_ROWS > 0
 
-#define SAME_TIME TSE_R(2e-5) /* [s] tolerance for the time of a row, because sums of dt and clocks
-                              * are rounded. At a jerk of 50 m/s3, as in an emergency
-                              * manoeuvre, a channel changes by 0.001 m/s2 in this time */
+#define SAME_TIME TSE_R(2e-5) /* [s] times that differ by less count as equal: sums of dt and the
+                              * times in logs are rounded. At a jerk of 50 m/s3, as in an
+                              * emergency manoeuvre, accel_x and accel_y change by 0.001 m/s2
+                              * in this time */
 
 /* [s] If a channel is missing in some rows, it is interpolated between two of its
  * values that are at most this far apart. It is not interpolated between values that are
@@ -72,8 +72,8 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
  *   Given:     at     index of the row next to which the search starts
  *              back   1: search older rows; 0: search newer rows
  *              rows   number of rows to search
- *   Updated:   apart  [s] before the call: time between a row R of the caller and row
- *                     `at`; after it: time between R and the row of the value
+ *   Updated:   apart  [s] time from row R, the other end of the interpolation. Before the
+ *                     call: to row `at`; after it: to the row of the value
  *   Returned:  1 and *value; 0 if no value is within MAX_HOLE of R */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)

@@ -3,11 +3,12 @@
 #include "estimator/settings.h"
 
 #if !defined(TSE_NO_EFFECTS)
-/* Return whether the user's formula is valid: it leaves exactly one value on the stack,
- * and does not need more stack or more stored values than a filter has. */
+/* Return whether the user's formula is valid: each operation is known and finds its
+ * operands on the stack, exactly one value is left at the end, and the numbers of values
+ * on the stack, of operations with memory and of delays are within their limits. */
 static int is_formula_valid(const tse_config *c)
 {
-#if defined(TSE_FORMULA) /* it is compiled in: the settings must have no program */
+#if defined(TSE_FORMULA) /* the formula is compiled in: the settings must not contain one */
   return !(c->formula_code_1 || c->formula_place);
 #else
   uint8_t code[TSE_FORMULA_OPS];

@@ -7,8 +7,8 @@
 #include "tables/constants.h"
 #include "tables/copies.h"
 
-/* [1] Max sample-to-sample variance of (stiffness/nominal) in the particle filter, if the
- * setting spread_max is 2, which means no limit. */
+/* [1] Max variance of the process noise of (stiffness/nominal) in the particle filter, if
+ * the setting spread_max is 2, its largest value, which means no limit. */
 #define MAX_SPREAD_VAR TSE_R(1000000)
 /* [m/s] Min sd of the noise of a wheel speed: 0.04 rad/s at a wheel radius of 0.3 m.
  * It is used if the setting wheel_noise_sd gives a smaller sd, as its default, 0,
@@ -143,8 +143,8 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
  * 117 times the value of the default car, and of (cornering stiffness of an
  * axle/mass)/accel_y_sd [sigma/rad]. At this limit a slip of 0.1 and a stiffness error of
  * 30 % cause an error of 131072 * 0.1 * 0.3 = 3900 sigma, whose square is below
- * FIXED_MOST. The number also limits tse_params.damping [m/s2] times
- * tse_params.max_step [s]. */
+ * FIXED_MOST. The same number is the max of the product of tse_params.damping [m/s2] and
+ * tse_params.max_step [s], in m/s. */
 #define MAX_SIGNAL_GAIN TSE_R(131072)
 /* [sigma] Max initial sd of the yaw rate, in noise sds of the gyro; its square is below
  * FIXED_MOST. The number also limits m l_f/I_z and m l_r/I_z [1/m] (m: mass; l_f, l_r:
@@ -423,7 +423,7 @@ static void make_params(const tse_config *settings, tse_params *p)
   p->vel_x_from_wheels = settings->initial_vel_x_from_wheels;
   p->integration = settings->integration;
   p->seed[0] = (uint32_t)settings->seed;
-  p->seed[1] = 0x7473650au; /* so that no seed gives a key of zeros */
+  p->seed[1] = 0x7473650au; /* not 0: the key of the random generator is never all zeros */
   prepare_copies(&car, p);
   prepare_vehicle(&car, p);
   prepare_imu(p);

@@ -35,8 +35,9 @@ typedef struct opens {
   int8_t state, by;
 } opens;
 
-/* Values of opens.by: the sd by which an event shifts a state. get_sd()
- * returns this sd [SI]. */
+/* Values of opens.by: the sd by which an event shifts a state. get_sd() returns this sd
+ * [SI]. A negative sd shifts the state in the direction opposite to the other states of
+ * the event. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real get_sd(const opens *o)
 {
@@ -45,10 +46,11 @@ static tse_real get_sd(const opens *o)
   return sds[o->by];
 }
 
-/* Number of slots of EVENT_ROAD: slots 0 .. ROADS - 1. Such an event has a second
- * amplitude, the difference of the change between the axles (EVENT_ROAD_AXLE_DIFF).
- * The second amplitude of the event in slot n is in slot n + ROADS. Each other kind
- * has one slot. */
+/* Max number of open hypotheses of EVENT_ROAD, a different road surface. A hypothesis
+ * occupies a slot, an element of tse_kalman.event: 0 .. ROADS - 1. Such an event has two
+ * amplitudes. The first, in slot n, is the change that both axles have in common. The
+ * second, in slot n + ROADS, is the difference of the change between the axles
+ * (EVENT_ROAD_AXLE_DIFF). Each other kind of event has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char
     roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
@@ -79,10 +81,10 @@ typedef struct kind {
  * the logarithm of the longitudinal stiffness, with the same sd as the logarithm of
  * the cornering stiffness. LCX also contains the longitudinal model error, which may
  * be different for the old and the new tyres. When the change is accepted, LCX
- * therefore also receives an sd of 2 USUAL_MODEL_SD: the sd of the model error once for
- * the old and once for the new tyres. UNUSED marks kinds without states in this table:
- * open_slot() sets the states of EVENT_ROAD_RETURN, and a faulty sensor shifts no state,
- * only its own measurements (events_learn()). */
+ * therefore also receives an sd of 2 USUAL_MODEL_SD. This is the sum of the sds of the
+ * two model errors, and so the max sd of their difference. UNUSED marks kinds without
+ * states in this table: open_slot() sets the states of EVENT_ROAD_RETURN, and a faulty
+ * sensor shifts no state, only its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -171,8 +173,8 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
   return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
-/* Return whether a slot holds an event, i.e. is neither free nor
- * holds a second amplitude. */
+/* Return whether a slot holds an event. It does not if it is free, or if it holds only
+ * the second amplitude of a road event (the event itself is in slot n - ROADS). */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
 /* Compute the information and the score (event_posterior) on the amplitude of the event
@@ -223,7 +225,8 @@ static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, 
   if (a->kind == EVENT_ROAD_AXLE_DIFF) a->both = r_clamp(a->both + r_mul(first, ys), -MAX_INFO, MAX_INFO);
 }
 
-/* Number of events that are processed in one loop. */
+/* Number of events that one call of correct_together() processes; a divisor of
+ * TSE_EVENTS (R_TOGETHER() in number/vector.h). */
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
 /* For each of the TOGETHER events in `a`, compute y, the shift of the innovation by an
@@ -528,11 +531,11 @@ static void widen_states(
   }
 }
 
-/* Return the weight with which a discarded event is merged. For a lateral event it is
- * the square of its probability, because events of small probability are mostly model
- * errors. A square below MIN_WEIGHT counts as 0. For longitudinal events the weight is
- * 0: wheels that slide need no merging, because the slip is estimated in each row, and
- * a faulty sensor shifts no state. */
+/* Return the weight with which a discarded event is merged into the state. For a lateral
+ * event it is the square of its probability, because events of small probability are
+ * mostly model errors. A square below MIN_WEIGHT counts as 0. For longitudinal events the
+ * weight is 0: wheels that slide need no merging, because the slip is estimated in each
+ * row, and a faulty sensor shifts no state. */
 static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
   const tse_real weight = k->event[n].kind != EVENT_NONE && get_group(k->event[n].kind) == LATERAL

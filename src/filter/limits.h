@@ -207,10 +207,11 @@
 #define MAX_VARIANCE_RATIO TSE_R(6.25)  /* [1] max ratio of the variances of two quantities that agree:
                                          * 2.5^2. Roll, banked roads, load, compliance and slip change the
                                          * ratio of the quantities by a factor of less than 2.5 */
-#define UNRELATED TSE_R(0.1)            /* [1] if the squared correlation of the two quantities of a pair is
-                                         * below this, the pair disagrees. Noise alone does not make the
-                                         * correlation so small, because a pair is judged only while its
-                                         * quantities are large (min_excitation in plausible.c) */
+#define UNRELATED TSE_R(0.1)            /* [1] the test compares pairs of quantities that should agree. If
+                                         * the squared correlation of a pair is below this, the pair disagrees
+                                         * (plausible.c). Noise alone does not make the correlation so small,
+                                         * because a pair is judged only while its quantities are large
+                                         * (min_excitation) */
 #define AGAINST TSE_R(0.2)              /* [1] the pairs IN_BENDS and BY_DRIVE (plausible.c) disagree if their
                                          * covariance has the wrong sign and their squared correlation is
                                          * above this. Below it the sign may be wrong by chance, because speed
@@ -284,7 +285,7 @@
 #define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation, as for LATE_SHOWN, before accel_y is
                                          * reported as late: two corners in a town. A single corner is not
                                          * enough: if it is banked, it has the effect of a latency of 0.2 s */
-#define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three sds of an estimated latency [s] are
+#define LATE_SD TSE_R(0.2)              /* [m/s^1.5] three sds of an estimated latency [s] are
                                          * LATE_SD/sqrt(x), x [m2/s5] being the time integral of the squared
                                          * lateral jerk (LATE_SHOWN). Measured on the cars in tests/cars */
 #define ACCEL_SD TSE_R(1.75)            /* [1] factor by which the sd of a latency between accel_y and

@@ -239,7 +239,8 @@
       "a setting leads to numbers that do not fit the fixed-point format of this build; use double or " \
       "float") \
   ROW(TSE_E_OLD, "TSE_E_OLD", \
-      "the learnt state was written by an older version of this library; learn anew") \
+      "the learnt state (estimates of an earlier drive) was written by an older version of this library; " \
+      "learn anew") \
   ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", \
       "the learnt state belongs to another vehicle: it was saved with other settings of the vehicle, of " \
       "effects or of the formula") \
@@ -266,21 +267,22 @@
   ROW(TSE_W_HELD, "TSE_W_HELD", \
       "standstill, low speed, reverse or large steering angle: stiffness is not updated") \
   ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", \
-      "all measurements or an input are missing: the filter only predicts") \
+      "the steering angle (paper's filter: or a wheel speed) or all measurements are missing: the filter " \
+      "only predicts") \
   ROW(TSE_W_GAP, "TSE_W_GAP", \
-      "long gap between rows, or jump of the sensors: the motion is set from the sensors, all other " \
-      "estimates are kept") \
+      "long gap between rows or in the steering angle, or jump of the wheel speeds: the motion is set " \
+      "from the sensors, all other estimates are kept") \
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", \
       "the filter started over, because its state was not finite (memory fault or overflow)") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", \
       "no step in this row: the filter waits for channels with a latency; the estimates are those of the " \
       "last step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", \
-      "a number of the filter reached the limit of the fixed-point format: the number is kept at this " \
-      "limit, or the sample that led to it is not used") \
+      "a number of the filter is near the limit of the fixed-point format, at which it saturates") \
   ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", \
-      "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
-      "is late; fault_channel names it, fault_factor is the factor by which it is too large")
+      "the channels contradict each other: one has a wrong unit or sign, front and rear wheel speeds are " \
+      "exchanged, or one is late; fault_channel names the channel, fault_factor is the factor by which it" \
+      " is too large (0: its error is not a factor)")
 #define REASON_CODES(ROW) \
   ROW(TSE_VALID, "valid", "usable") \
   ROW(TSE_STARTING, "starting", "too little data since the start") \
@@ -297,8 +299,9 @@
   ROW(TSE_MISFIT, "does not fit", \
       "the model does not explain the measurements: calibrate, or search for a missing effect (tselab gap)") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
-      "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
-      "is late; fault_channel names it, fault_factor is the factor by which it is too large")
+      "the channels contradict each other: one has a wrong unit or sign, front and rear wheel speeds are " \
+      "exchanged, or one is late; fault_channel names the channel, fault_factor is the factor by which it" \
+      " is too large (0: its error is not a factor)")
 #define REPLAY_START(ROW) \
   ROW(cx_front, 1.0, "1", \
       "front longitudinal stiffness, relative to nominal. The rear longitudinal stiffness, relative to " \

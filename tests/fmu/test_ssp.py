@@ -144,7 +144,7 @@ def test_the_example_of_the_guide_comes_to_the_truth_and_says_why_it_restarts(ss
     said = capfd.readouterr()
     numbers = [float(x) / 1000 for x in said.out.splitlines()[-1].split()]
     assert "{:.0f} and {:.0f} kN/rad".format(*numbers) in body
-    assert "jump of the sensors" in said.out + said.err
+    assert "jump of the wheel speeds" in said.out + said.err
 
 
 def step_by_hand() -> np.ndarray:

@@ -260,7 +260,9 @@ static void test_other_formats_differ_from_damage(void)
   } cases[] = { { 1, 96, TSE_E_OLD }, { 2, 112, TSE_E_OLD }, { 4, TSE_LEARNT_BYTES + 13, TSE_E_VERSION } };
   const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES + 13];
-  TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew",
+  TEST_ASSERT_EQUAL_STRING(
+      "the learnt state (estimates of an earlier drive) was written by an older version of this library; "
+      "learn anew",
       tse_status_text(TSE_E_OLD));
   reset(&p, &f);
   for (int i = 0; i < ROWS(cases); i++) {
