@@ -281,8 +281,8 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
 #   accel_y      imu_scale_ay, body_roll, latency of accel_y
 #   yaw_rate     gyro_scale
 #   front_angle  steering_ratio, steering_lag, steering_delay
-# As a formula, an effect has a lower price (penalty for complexity) than as a named effect,
-# so the formula would replace the named effect.
+# As a formula, an effect has a lower price (penalty for complexity) than as a named
+# effect. So the formula would replace the named effect.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
