@@ -10,12 +10,10 @@ if TYPE_CHECKING:
     import pint
 
 
-# Key: a unit in the spelling of pint. Value: its spellings in logs, separated by blanks.
-# pint alone refuses most of these spellings, or takes them as a different unit.
-# parse_unit() removes the blanks from the unit in a log, and looks for the result in this
-# table, first as written, then in lower case. So all spellings are in lower case, except
-# kN (kilonewton): kn is the knot. Hz is taken as turns per second, which it means for
-# wheel speeds, whereas pint takes 1 Hz as 1 rad/s. 1 stands for a quantity without unit.
+# Unit in the spelling of pint -> its spellings in logs, separated by blanks. pint alone
+# refuses most of these spellings or takes them as a different unit. parse_unit() removes
+# blanks and ignores case. Only kN (kilonewton) must be written as here: kn is the knot.
+# Hz means turns per second (wheel speeds), whereas pint takes 1 Hz as 1 rad/s.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -79,13 +77,13 @@ def parse_unit(unit: str) -> pint.Quantity | None:
 def is_unknown_unit(unit: str) -> bool:
     """Return whether a unit is unknown, such as km^h.
 
-    If the unit of a channel is unknown, it is guessed from the values of the channel."""
+    A channel with an unknown unit gets a unit that is guessed from its values."""
     return parse_unit(unit) is None
 
 
 def is_known_unit(unit: str) -> bool:
-    """Return whether a unit is stated and known: True for deg, %, m/s; False for "",
-    1."""
+    """Return True for a known unit such as deg, % or m/s; False for an unknown one, for 1
+    and for ""."""
     found = parse_unit(unit)
     return found is not None and not found.unitless
 

@@ -23,9 +23,9 @@ from tse.readers.databases import IDENTIFIER_MASK
 # [bytes] length of the first part of a file that is read to detect its format
 DETECTION_BYTES = 1 << 16
 MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
-# number of lines with a frame, at the beginning of a file, that are read to determine the
-# unit of the times (for candump: whether they are differences) and the base (10 or 16) of
-# the identifiers
+# number of frames at the beginning of a file that serve to detect, in a log of candump,
+# whether each time is the difference from the frame before, and in a table, the unit of
+# the times and the base (10 or 16) of the identifiers
 DETECTION_LINES = 2000
 MAX_LISTED_LINES = 3  # a note names at most this many of the lines that cannot be parsed
 ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame
@@ -326,10 +326,9 @@ HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]*\Z", re.IGNORECASE)
 class _FrameTable:
     """The layout of a CSV with one frame per row.
 
-    The data of a frame are either in one column or in one column per byte. A single
-    column is hexadecimal or, if python-can wrote it, in base 64. Identifiers are decimal
-    or hexadecimal numbers, see _is_decimal(). Times are times of day, dates or numbers,
-    see _make_time_parser()."""
+    The data of a frame are in one column per byte, or all in one column as hexadecimal
+    digits or (from python-can) in base 64. Identifiers are decimal or hexadecimal, see
+    _is_decimal(). Times are times of day, dates or numbers, see _make_time_parser()."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -452,11 +451,10 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Convert a time of day to s since the first midnight, a date to s since
-            1970.
+            """Convert a date to s since 1970, a time of day to s since midnight before
+            the first time.
 
-            If a time of day is more than half a day below the one before it, a new day
-            has begun."""
+            A time of day more than 12 h below the one before it begins a new day."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
@@ -480,12 +478,10 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 def _guess_tick(stamps: np.ndarray) -> float:
     """Guess the unit of integer times: ms, us or ns. Return its length [s].
 
-    Times since 1970 are about 2e15 in us and 2e18 in ns. So if the first time is above
-    1e17, the unit is ns, and if it is between 1e14 and 1e17, the unit is us. If it is
-    below 1e14, the unit follows from the median step between frames. On a bus this step
-    is about 0.1 to 20 ms, i.e. 1e5 to 2e7 in ns, 100 to 20000 in us, and 0.1 to 20 in ms.
-    So a step above 1e5 means ns, a step of 20 to 1e5 means us, and a shorter step means
-    ms."""
+    Times since 1970 are about 2e15 in us and 2e18 in ns. So a first time above 1e17 means
+    ns, one of 1e14 to 1e17 means us. Below 1e14, the median step between frames decides,
+    which is 0.1 to 20 ms on a bus: above 1e5 it is in ns, from 20 to 1e5 in us, and up to
+    20 in ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
@@ -535,9 +531,8 @@ class AscText(_GeneratedText):
     """The lines of an ASC file, changed such that python-can reads their times correctly.
 
     python-can takes every time as the time since the start of the log, and skips lines
-    with negative times. So times relative to the frame before are summed up. If the first
-    of the absolute times is negative, all times are shifted such that the first one is
-    0."""
+    with negative times. So times relative to the frame before are summed up, and absolute
+    times that begin below 0 are shifted to begin at 0."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
 

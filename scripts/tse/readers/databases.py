@@ -18,8 +18,8 @@ from tse.readers.recording import import_optional
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
-# mask of the 29 bits of an identifier; largest standard identifier (11 bits), larger ones
-# are extended; bit that a DBC adds to an extended identifier
+# IDENTIFIER_MASK: the 29 bits of an identifier. MAX_STANDARD_IDENTIFIER: largest of
+# 11 bits; larger identifiers are extended. EXTENDED_BIT: marks these in a DBC
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 # identifier of the message in which Vector's tools put signals that belong to no message
 ORPHAN_IDENTIFIER = 0xC0000000
@@ -167,13 +167,12 @@ def _read_text(path: Path) -> str:
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC that cantools refuses as a whole.
 
-    The following parts of the DBC are loaded, one after the other, until cantools accepts
-    one:
+    Try these, until cantools accepts one:
 
     1. all statements, as repaired by _split_parts();
     2. only the statements that define messages and signals;
-    3. each message separately. Of a message that cantools refuses, each signal is tried
-       separately, and the message is kept with the accepted signals only.
+    3. each message alone. Of a refused message, try each signal alone, and keep the
+       message with the accepted signals.
 
     `odd` receives what is left out."""
     messages, others = _split_parts(text, odd)
@@ -209,10 +208,10 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
     """Split the text of a DBC; return its messages with their signals, and its details.
 
-    A detail is a statement that gives a signal names of values, a number type,
-    multiplexer values or a comment, or that gives a signal or message a long name. It is
-    returned as (number of its first line, text). A detail is left out if it is faulty or
-    its signal does not exist. `odd` receives the faults."""
+    A detail is a statement with a signal's comment, number type, multiplexer values or
+    names of values, or with the long name of a signal or message. It is returned as
+    (number of its first line, text), unless it is faulty or its signal does not exist.
+    `odd` receives the faults."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):
@@ -314,12 +313,11 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 
 
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
-    """Return a detail (see _split_parts()) in which the name of the signal is valid.
+    """Return a detail (see _split_parts()) with the valid signal name of _clean_name().
 
-    _clean_name() has changed each signal name that a DBC does not allow. The same change
-    is made here, so that the detail refers to the renamed signal. A long name is returned
-    unchanged. Return "" if the detail cannot be parsed or its signal does not exist, or
-    if it is a comment on something else than a signal."""
+    The statement of a long name is returned unchanged. Return "" if the detail cannot be
+    parsed, its message or signal does not exist, or it is a comment on anything but a
+    signal."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""

@@ -80,10 +80,9 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
 class _Kept:
     """Decoded values of one message on one bus.
 
-    A frame of the message may lack some signals, because the frame is too short for them,
-    or because they are multiplexed. The numbers of the frames that contain a signal are
-    therefore stored. Signals that occur in the same frames share these numbers. They have
-    the same key from _make_pattern(), which is called their pattern."""
+    A frame may lack a signal: the frame is too short, or the signal is multiplexed. So
+    the numbers of the frames that contain a signal are stored. Signals with the same
+    pattern (key from _make_pattern()) are in the same frames, and share these numbers."""
 
     message: Any
     signals: list[Any]  # needed signals of the message
@@ -139,9 +138,8 @@ class Bus:
                 frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
-                # Signals with the same key of _make_pattern() (last byte, multiplexing)
-                # are in the same frames. So only the first of them adds the numbers of
-                # these frames.
+                # signals with the same pattern are in the same frames: the first signal
+                # stores the numbers of these frames for all
                 if len(frames) == len(kept.value[s.name]):
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
@@ -168,9 +166,8 @@ class Bus:
         time : ndarray, (kept frames,)
             [s] Times of the kept frames, in the order in which add() received the frames.
         keep : ndarray of bool, (frames,), or None
-            True for the kept frames. Their times must not fall. None: all frames are
-            kept, and their times may fall: the values of each signal are then sorted by
-            time.
+            True for the kept frames, whose times must not decrease. None: all frames are
+            kept, and each signal is sorted by time.
         notes : list of str
             Receives notes about repeated messages, invalid values and unknown
             identifiers.
@@ -184,12 +181,9 @@ class Bus:
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)
-        # If a message is on several buses, its channels would have equal names. All but
-        # the first in this loop receive a number (NAME#2), so the names depend on the
-        # order of the loop. The loop is sorted by the name of the bus (shorter names
-        # first, so 2 before 10). Then the names are the same in all logs. They would not
-        # be if the loop were sorted by the index of the bus, which depends on the first
-        # frames of the log.
+        # If a message is on several buses, its channels from the second bus on are named
+        # NAME#2 and so on. Sort by the name of the bus (shorter first, so 2 before 10),
+        # which is the same in all logs. The index of a bus depends on the first frames.
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -232,14 +226,13 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times [s] of the kept frames that contain a signal, and an index.
+        """Return the times [s] of the kept frames with a signal, and an index.
 
-        The index selects from the values of the signal, one for each element of `frames`,
-        those values that belong to the returned times. It is one of three things: a mask,
-        if some frames are not kept; an order, if the times had to be sorted; slice(None),
-        if all values are used as they are. `frames`: numbers of the frames that contain
-        the signal. `time`, `keep`: as in channels(). `place`: for each frame of the log,
-        its index in `time`; None: all frames are kept."""
+        value[index] are the values at these times, if `value` has one element for each
+        element of `frames`. The index is a mask if some frames are not kept, an order if
+        the times had to be sorted, else slice(None). `frames`: numbers of the frames with
+        the signal. `time`, `keep`: as in channels(). `place`: index in `time` of each
+        frame of the log; None: all frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen

@@ -186,9 +186,8 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 def _measure_unpacked(path: Path) -> int:
     """Return the unpacked size [bytes] of all variables in a file of version 5.
 
-    The sizes are read from the headers of the variables. scipy unpacks at most as many
-    bytes as a header states, so a wrong header cannot hide a variable that exhausts the
-    memory. If a variable is larger than MAX_VARIABLE_BYTES, UserError is raised."""
+    The sizes are those in the headers of the variables: scipy unpacks no more bytes than
+    a header states. If a variable is larger than MAX_VARIABLE_BYTES, raise UserError."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)

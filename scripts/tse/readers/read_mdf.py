@@ -51,8 +51,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
     finally:
         gc.collect()
         sys.unraisablehook = hook
-    # not raised in the except block: there the error would keep asammdf's objects alive
-    # until the hook is restored, and their __del__() would then print messages
+    # Raise only here: an error raised in the except block keeps asammdf's objects alive
+    # until the hook is restored, and then their __del__() prints messages
     if damage:
         raise UserError(
             f"{path}: is damaged or cut off: {damage}; its content cannot be read: "
@@ -61,12 +61,10 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# An MDF 4 file consists of blocks. A link in a block is the position [bytes] of a
-# different block; the value 0 means no block. The first link (index 0) leads to the next
-# block of the same kind: such blocks form a list. Only in a block of kind HL, the link of
-# index 0 leads to the first DL. A link of a higher index leads to the first block of a
-# sublist. Key: kind of a block. Value: for each sublist that is checked, the index of its
-# link and the kinds that its first block can have
+# An MDF 4 file consists of blocks. A link is the position [bytes] of a block; 0: none.
+# Link 0 of a block leads to the next block of its list (in an HL: to the first DL), other
+# links lead to the first blocks of sublists.
+# Kind of a block -> for each checked sublist: index of its link, kinds of its first block
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
     b"##CG": ((1, (b"##CN",)),),
@@ -76,10 +74,8 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# A link to the first block of a list of one of these kinds must lead to a block of this
-# kind; if not, the file is damaged. In place of a list of any other kind there may be a
-# block of a different kind, e.g. a single data block (DT) instead of the first DL. Such a
-# block is not checked
+# A file is damaged if a list of DG, CG or FH begins with a block of a different kind. A
+# list of CN, DL or HL may, e.g. with a single data block (DT), which is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 
@@ -115,11 +111,11 @@ def _check_chains(path: Path) -> None:
 
 
 def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
-    """Return the first 8 links, or all if fewer, of the block of this kind at byte `at`.
+    """Return the links of the block at byte `at`, at most the first 8.
 
-    If there is no such block at this byte, return [], or raise a UserError if the block
-    is `required`. If the file ends within the links, return []. A block begins with its
-    kind, its length and its number of links."""
+    If no block of kind `kind` is there, return [], or raise UserError if `required`. If
+    the file ends within the links, return []. A block begins with its kind, its length
+    and its number of links."""
     file.seek(at)
     head = file.read(24)
     if len(head) < 24 or head[:4] != kind:
@@ -137,10 +133,10 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 def _is_finished(file: BinaryIO) -> bool:
     """Return whether the recorder has finished and closed a file.
 
-    asammdf receives a finished file as an open file. If it received the path, it would
-    map the file into memory, and the pages that it has read would count as memory of this
-    process, as if the whole file were loaded. For an unfinished file asammdf must receive
-    the path, because it copies the file and completes the copy."""
+    asammdf receives a finished file as an open file: given the path, it would map the
+    file into memory, and the pages it reads would count as memory of this process. An
+    unfinished file is given by its path, because asammdf copies it and completes the
+    copy."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished

@@ -11,8 +11,8 @@ from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
 OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op`: kind of a record of a ROS 1 bag
-# [bytes] largest header or data of a record, and limit of the unpacked size of a chunk.
-# What is larger is taken as damaged: the chunks that the tool rosbag writes have 0.8 MB
+# [bytes] largest header or data of a record, and largest unpacked chunk. A larger one is
+# taken as damaged: the tool rosbag writes chunks of 0.8 MB
 MAX_RECORD_BYTES = 1 << 30
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 

@@ -257,10 +257,8 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # Prefer the separator that splits the lines into numbers. Give the comma a lower
-        # weight (factor 0.9), because it may be the decimal sign of a file with a
-        # different separator. As a separator, it would then split each number into two
-        # numbers
+        # Prefer the separator that splits the lines into numbers. The comma has a lower
+        # weight (factor 0.9): a decimal comma, too, splits a line into numbers
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         several = width > 1
         value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
@@ -317,8 +315,8 @@ def _find_layout(
         raise UserError(f"{path}: is no table: no line holds numbers; readable: {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [len(c) == width and is_row(c) for c in cells]
-    # The data begin at the first row of numbers whose next line, blank lines apart, is a
-    # row of numbers, too: a single row of numbers may belong to the preamble
+    # The data begin at the first of two successive rows of numbers (blank lines do not
+    # count): a single row of numbers may belong to the preamble
     filled = [i for i, c in enumerate(cells) if c]
     first = next(
         (
@@ -350,10 +348,9 @@ def _find_layout(
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
     """Return the index of the row of the names among the rows directly above the data.
 
-    Between the names and the data there may be a row of units and a row of sources, e.g.
-    gps or obd. A row of units is recognised by its cells. Several channels have the same
-    source, but hardly the same name. So the row of the names is the one with the most
-    different cells; of several rows with the same number of them, it is the last.
+    Between names and data there may be a row of units, which is skipped, and a row of
+    sources, e.g. gps or obd. Sources repeat, names hardly do: the row with the most
+    different cells has the names; if several rows do, the last of them.
     `full`: indices of the rows above the data with as many cells as a row of data, or one
     more; if there are none, the index of the last row above the data."""
     block = full[-1:]

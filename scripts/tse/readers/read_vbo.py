@@ -159,19 +159,17 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     """Return the unit of each column; "" if it has none.
 
     Columns of the receiver have the units in RECEIVER_UNITS. Only the title of a speed in
-    [header] may state a different unit, as "velocity mph". The units of all other columns
-    are in section [channel units]. This section has one line for each column of the file,
-    or only for the last ones. So its lines are assigned to the columns from the end: the
-    last line has the unit of the last column, the last line but one has the unit of the
-    last column but one, and so on. A line that is thus assigned to a column of the
-    receiver is ignored. If a column has no unit then, its unit is searched in its title
-    and in its name.
+    [header] may state a different unit, as "velocity mph". Any other column has the unit
+    in section [channel units], else the unit in its title or name.
 
-    A blank line either belongs to a column without unit or only ends the section. The
-    section has a line for each column if the line of the time states seconds or nothing.
-    Otherwise it has a line for each column besides the receiver's. If there are more
-    lines than that, the blank ones at the end are removed. If there are fewer, one blank
-    line at the end is removed."""
+    [channel units] has a line for each column of the file, or only for the last ones. So
+    its last line belongs to the last column, and so on backwards. Lines that meet columns
+    of the receiver are ignored.
+
+    A blank line belongs to a column without unit, or only ends the section. There should
+    be a line for each column if there are at least that many lines and the line of the
+    time is "s" or blank, else for each column besides the receiver's. Surplus blank lines
+    at the end are removed. If lines are missing, one blank line at the end is removed."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     has_all = len(said) >= len(names) and "time" in short and said[short.index("time")] in ("", "s")

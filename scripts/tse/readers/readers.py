@@ -111,8 +111,9 @@ def choose_reader(path: Path) -> str:
 
 GZIP = b"\x1f\x8b"  # first bytes of a gzip file
 MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking up to which every gzip file is read
-# Largest allowed ratio of unpacked to packed size. A gzip file is refused if its content
-# exceeds this ratio and MIN_UNPACKED_LIMIT: it may be crafted to fill the disk
+# largest ratio of unpacked to packed size of a gzip file whose unpacked size exceeds
+# MIN_UNPACKED_LIMIT. A file with a larger ratio is refused: it may be crafted to fill the
+# disk
 MAX_UNPACKED_RATIO = 40
 
 

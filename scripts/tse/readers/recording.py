@@ -117,11 +117,10 @@ class Recording:
     def since_start(self) -> Recording:
         """Return the recording; times since 1970 become times since its start.
 
-        The start time is the smallest of the first times of all channels. If its
-        magnitude is at least 1e6 s, the times are taken as counted from 1970: the whole
-        seconds of the start time are subtracted from all times and added to `start`.
-        Otherwise the times are unchanged. A time since 1970 in a double has a rounding
-        error below 1 us, so no accuracy is lost."""
+        The start time is the smallest of the first times of all channels. If it is below
+        1e6 s in magnitude, the times are unchanged. Otherwise they are taken as counted
+        from 1970: the start time, rounded down to whole seconds, is subtracted from all
+        times and added to `start`. The rounding error of the times stays below 1 us."""
         first = [
             float(c.time[i])
             for c in self
@@ -181,9 +180,8 @@ class Growing:
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] size that each item takes at least in a file; check_rows() derives from it how
-# many items a file can have. Items: a value of a signal, a row of a table, a frame of a
-# bus, a message
+# [bytes] least size in a file of: a value of a signal, a row of a table, a frame of a
+# bus, a message. check_rows() derives from it how many of them a file can have
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
 BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
@@ -249,12 +247,12 @@ def check_table_width(path: Path, names: Collection[str]) -> None:
 
 @contextmanager
 def limit_memory(path: Path) -> Iterator[None]:
-    """Limit the memory that the process may take in addition while it reads a file.
+    """Limit the additional memory that the process takes while it reads a file.
 
     The limit is BASE_MEMORY plus MEMORY_PER_BYTE for each byte of the file. It acts on
     Linux only, and only if the environment variable MEMORY_LIMIT_VARIABLE is set. The
-    command tselab sets it for itself and its workers. Other programs that import tse do
-    not, because the limit applies to the whole program.
+    command tselab sets it for itself and its workers. tse does not, because the limit
+    applies to the whole program that imports tse.
 
     Raises
     ------
@@ -308,11 +306,9 @@ def limit_time(path: Path) -> Iterator[None]:
 
     Notes
     -----
-    In the main thread, a signal of the operating system interrupts the reader. In any
-    other thread, and on Windows, a second thread raises _TookLong in the thread of the
-    reader. While the reader runs compiled code, the exception waits until the code
-    returns to Python. If calls of limit_time() are nested, only the outermost one sets a
-    limit.
+    _TookLong is raised in the reader: in the main thread by a timer signal, in any other
+    thread and on Windows by a second thread. Compiled code is not interrupted before it
+    returns to Python. Of nested calls of limit_time(), only the outermost sets a limit.
     """
     limit = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     is_main = threading.current_thread() is threading.main_thread()
@@ -393,10 +389,9 @@ def _watch_thread(path: Path, limit: float) -> Iterator[None]:
 
 
 def _release_frames(error: BaseException) -> None:
-    """Release the objects of an interrupted reader.
+    """Release the objects of an interrupted reader, which the traceback of `error` keeps.
 
-    The traceback of `error` refers to them, so they would stay in memory as long as
-    `error`. Messages that their methods __del__() print meanwhile are suppressed."""
+    Messages of their methods __del__() are suppressed."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
@@ -408,9 +403,8 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# [characters] Python's module csv refuses longer cells; its default, 131 072, is too low:
-# while a wrong separator is tried, a whole line is a single cell. The separators are
-# tried on the first 2^20 characters of a file, so no cell is longer than that
+# [characters] Python's module csv refuses longer cells. Its default, 131 072, is too low:
+# for a wrong separator, a line of up to 2^20 characters is one cell
 csv.field_size_limit(1 << 22)
 
 
@@ -620,9 +614,9 @@ class Collector:
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
         """Add one message.
 
-        The time of its values is the time in its header or, if there is none, `time` [s],
-        when the message was logged, counted as in the file, e.g. from 1970. `type_` is
-        the type of the message, which determines the units of its fields.
+        The values of the message get the time in its header or, if there is none, `time`:
+        the time [s] of logging, as in the file. `type_`: type of the message, which
+        determines the units of its fields.
 
         Raises
         ------
