@@ -262,10 +262,8 @@ def make_output_fields() -> str:
         text = f.text
         if f.name.endswith("_valid"):
             text = (
-                "in C: 0 if the estimate is valid, otherwise the reason why it is not (tse_reason). Column and "
-                "FMU output: 1 valid, 0 not valid; the reason is in "
-                + f.name.removesuffix("_valid")
-                + "_reason"
+                "in C: 0 if the estimate is valid, otherwise the reason why it is not (tse_reason). Column "
+                f"and FMU output: 1 valid, 0 not valid; {f.name.removesuffix('_valid')}_reason has the reason"
             )
         unit = f.unit if not f.is_integer else "integer"
         rows.append(
@@ -278,7 +276,8 @@ def make_output_fields() -> str:
             ]
         )
     return format_table(
-        ["member of tse_output", "column of the estimates, FMU output", "type in C", "unit in C", "meaning"], rows
+        ["member of tse_output", "column of the estimates, FMU output", "type in C", "unit in C", "meaning"],
+        rows,
     )
 
 
@@ -424,11 +423,21 @@ def make_constants() -> str:
 
 def make_gap_exit_codes() -> str:
     """Return the table of exit codes of `tselab gap`."""
-    from tse.gaps.run.workflow import EXIT
+    from tse.gaps.run.workflow import DOUBTFUL, EXIT
 
+    meanings = {
+        "none": "nothing is missing that these logs could show",
+        "named": "at least one effect is missing; each named effect has at least 90 %, at least one has no "
+        "look-alike",
+        DOUBTFUL: "an effect is missing with 50 .. 90 % probability, or each named effect has look-alikes",
+        "not_in_catalogue": "something is missing that the effects of the catalogue do not explain",
+    }
     return format_table(
-        ["exit code", "verdict"],
-        [[str(c), escape_cell(name.replace("_", " "))] for name, c in EXIT.items()],
+        ["exit code", "verdict", "meaning"],
+        [
+            [str(c), escape_cell(name.replace("_", " ")), escape_cell(meanings[name])]
+            for name, c in EXIT.items()
+        ],
         right=(0,),
     )
 
@@ -663,10 +672,10 @@ def make_measured_cars() -> str:
     the best constant, the median of the true stiffness."""
     names = {  # estimator in the file -> title on the page
         "calibrated": "filter, calibrated car; truth: secant over the slip angle of the wheels",
-        "calibrated, beside the secant without relaxation": "the same filter; truth: secant over the relaxed slip "
-        "angle",
-        "calibrated, beside the stiffness at no slip": "the same filter, output `stiffness`; truth: slope at zero "
-        "slip",
+        "calibrated, beside the secant without relaxation": "the same filter; truth: secant over the relaxed "
+        "slip angle",
+        "calibrated, beside the stiffness at no slip": "the same filter, output `stiffness`; truth: slope at "
+        "zero slip",
         "constant of the calibration": "no filter: constant stiffness of the calibration",
         "best constant, from the truth": "no filter: median of the true secants of the car",
         "not calibrated": "filter, car not calibrated",

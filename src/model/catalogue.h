@@ -39,9 +39,9 @@ static inline tse_real steering_delay_input(
 }
 
 /* steering_lag: two first-order lags in series between the logged angle and the wheels.
- * Their time constants are T = time/(1 + second) and second T, the sum of which is
- * `time`. With second = 0 there is one lag. A lag is T delta_e' = delta - delta_e
- * (`lagged` in laws.h). Typical 20 .. 60 ms. */
+ * The time constant of the first lag is T = time/(1 + second), that of the second lag is
+ * `second` times T. Their sum is `time`. If `second` is 0, there is one lag. The first lag
+ * is T delta_e' = delta - delta_e (`lagged` in laws.h). Typical time 20 .. 60 ms. */
 static inline tse_real steering_lag_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -52,17 +52,17 @@ static inline tse_real steering_lag_input(
   return m->steered_by[2];
 }
 
-/* exact_kinematics: the equations of vehicle.h, (1) to (4), without small-angle
- * approximations. In its own axes the front wheel has the velocity
+/* exact_kinematics: equations (1) to (4) of the paper, without small-angle approximations
+ * (vehicle_slips in vehicle.h). In its own axes the front wheel has the velocity
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
- * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low), where low is 1 m/s (LOW_SPEED).
- * Its slip angle is atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The
- * front forces are turned by d. With share = 0 the model has the small-angle
- * approximations, with share = 1 it is exact. A share between 0 and 1 interpolates
- * linearly between these two models, because tests of this effect need the derivative
- * with respect to share at 0. */
+ * The front slip is (R omega - v_x)/max(|v_x|, |R omega|, 1 m/s). The front slip angle is
+ * atan(-v_y/|v_x|). The rear slip angle is atan((lr r - vy)/|vx|). The front forces are
+ * turned by d. With share = 0 the model has the small-angle approximations, with
+ * share = 1 it is exact. A share between 0 and 1 interpolates linearly between these two
+ * models. */
 static inline void exact_kinematics_slip(point *pt)
 {
+  /* linear in share, because tests of this effect need the derivative at share = 0 */
   const tse_params *const p = pt->p;
   const tse_real share = p->effects.exact_kinematics_share;
   tse_real sine, cosine;
@@ -80,12 +80,12 @@ static inline void exact_kinematics_slip(point *pt)
 }
 
 /* steering_compliance: the moment of the front lateral force turns the wheels back by the
- * angle c n C alpha. c is angle / moment, n the trail and C the cornering stiffness. If
- * alpha_0 is the slip angle with rigid steering, alpha is alpha_0 - c n C alpha, and
- * therefore alpha_0/(1 + c n C). C is the stiffness before the effects of the hooks
- * STIFFNESS and GRIP change it, so that load transfer and saturation do not reduce the
- * moment. A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5
- * degrees per 100 Nm. */
+ * angle c n C alpha, where c is `angle_per_moment`, n is `trail`, C the front cornering
+ * stiffness and alpha the front slip angle. If the steering were rigid, the slip angle
+ * would be alpha_0. Then alpha = alpha_0 - c n C alpha, and therefore
+ * alpha = alpha_0/(1 + c n C). C is taken before load transfer, combined slip and
+ * saturation, so that they do not reduce the moment. A linear compliance has the same
+ * effect as a softer tyre. Typical c 0.2 .. 0.5 degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
@@ -111,8 +111,8 @@ static inline void rear_roll_steer_remember(
 }
 
 /* relaxation: the slip angle a of a tyre follows the kinematic slip angle alpha over a
- * length: a' = (v/length)(alpha - a), v = max(|vx|, LOW_SPEED). integrator.c integrates a
- * together with the motion: a is a LAG state (effects.h). Typical length 0.3 .. 0.7 m. */
+ * length: a' = (v/length)(alpha - a), v = max(|vx|, 1 m/s). The slip angle a is a state,
+ * integrated with the motion (LAG state in effects.h). Typical length 0.3 .. 0.7 m. */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
@@ -125,8 +125,8 @@ static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
 }
 
-/* longitudinal_relaxation: the slip s of a tyre follows the kinematic slip over a length:
- * s' = (v/length)(slip - s), v is the denominator of the slip. Typical length
+/* longitudinal_relaxation: the slip s of a tyre follows the kinematic slip k over a
+ * length: s' = (v/length)(k - s), v = max(|v_x|, |R omega|, 1 m/s). Typical length
  * 0.1 .. 0.4 m, which includes the lag of the driveline. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
@@ -167,11 +167,12 @@ static inline void combined_slip_stiffness(point *pt)
 
 /* tyre_saturation: the lateral force of an axle is limited to friction times the static
  * load of the axle. The secant stiffness (force / slip angle) becomes
- *   C tyre_secant(C |alpha|/(friction load), shape), see laws.h
- * C is the stiffness after load transfer. Load transfer therefore reduces the force at
- * small slip angles, but not the max force. 1/friction is multiplied by 1 + balance in
- * front and by 1 - balance in the rear. Typical friction 1 .. 1.1, balance -0.15 ..
- * 0.15. */
+ *   C c(q),  q = C |alpha|/(friction load)
+ * c is (1 + q^2 + q^4)^(-1/4) for shape = 1. For shape = 0 it is 1 - q/3 + q^2/27 up to
+ * q = 3, then 1/q (tyre_secant in laws.h). C is the stiffness after load transfer. Load
+ * transfer therefore reduces the force at small slip angles, but not the max force.
+ * 1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear. Typical
+ * friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -293,11 +294,11 @@ static inline void imu_lever_arm_sensor(reading *z)
 /* body_roll: the body rolls out of the turn by phi = gain x. x is the lateral specific
  * force after a second-order lag (mode_step in laws.h).
  *
- * The acceleration of the rolling mass acts on the car. With the lateral speed vy of the
- * roll axis, and the sum F of the lateral tyre forces:
+ * The acceleration of the rolling mass acts on the car. vy is the lateral speed of the
+ * roll axis, F the sum of the lateral tyre forces:
  *   m (vy' + vx r) = F + m coupling phi''
- * coupling is sprung mass / m, times the height of the centre of gravity of the sprung
- * mass above the roll axis.
+ * `coupling` is the height of the centre of gravity of the sprung mass above the roll
+ * axis, times sprung mass / m.
  *
  * An IMU at the height h above the roll axis measures its acceleration and a component of
  * gravity. With the equation above:
