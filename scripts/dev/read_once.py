@@ -1,9 +1,11 @@
 """Draw random comments, docstrings and messages for a reader who does not know the code.
 
-    .venv/bin/python scripts/dev/read_once.py [--count N] [--seed N] [--skip SEED ...]
+    .venv/bin/python scripts/dev/read_once.py [--count N] [--seed N] [--screen]
+        [--skip SEED ...]
 
-Prints N places of the sources, each with the lines of code around it. The reader says in
-one sentence what each text means, and whether it had to be read twice. --skip leaves out
+Prints N places of the sources, each with the lines of code around it: a few lines, or
+with --screen about as many as a screen shows. The reader says in one sentence what each
+text means, and whether it had to be read twice. --skip leaves out
 the places that earlier calls with these seeds have drawn. To find them, the script draws
 them again, so --count and the sources must be the same as in the earlier calls.
 """
@@ -22,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("include", "src", "fmu", "scripts")  # folders from which texts are drawn
 SHORTEST = 40  # min number of characters of a text; shorter texts are too easy
 AROUND = 6  # number of lines of code that are shown after a text
+SCREEN = 25  # number of lines that --screen shows before and after a text
 # end of the name of a function or exception that makes a message: print, ValueError, ...
 ERRORS = re.compile(r"(Error|note|warn|print|say)$")
 
@@ -105,11 +108,13 @@ def draw_places(places: list[Place], count: int, seed: int) -> list[Place]:
     return random.Random(seed).sample(places, count)
 
 
-def format_place(number: int, place: Place) -> str:
+def format_place(number: int, place: Place, screen: bool = False) -> str:
     """Return the text at a place, with some lines before and after it, in Markdown."""
     lines = (ROOT / place.file).read_text(encoding="utf-8").splitlines()
-    before = 3 if place.kind == "docstring" else 1
-    shown = lines[max(place.line - 1 - before, 0) : place.last + AROUND]
+    before, after = (3 if place.kind == "docstring" else 1), AROUND
+    if screen:
+        before = after = SCREEN
+    shown = lines[max(place.line - 1 - before, 0) : place.last + after]
     head = f"## {number}. {place.kind}, {place.file}, lines {place.line} to {place.last}"
     return "\n".join([head, "", *("    " + line for line in shown), ""])
 
@@ -122,13 +127,14 @@ def main() -> None:
     parser.add_argument(
         "--skip", type=int, nargs="*", default=[], metavar="SEED", help="leave out the places of these seeds"
     )
+    parser.add_argument("--screen", action="store_true", help=f"show {SCREEN} lines before and after")
     args = parser.parse_args()
     places = find_places()
     known = {p for seed in args.skip for p in draw_places(places, args.count, seed)}
     drawn = draw_places([p for p in places if p not in known], args.count, args.seed)
     print(f"{len(drawn)} of {len(places)} places, seed {args.seed}\n")
     for number, place in enumerate(drawn, 1):
-        print(format_place(number, place))
+        print(format_place(number, place, args.screen))
 
 
 if __name__ == "__main__":
