@@ -67,8 +67,8 @@ RESULT_MEANINGS = {
     "start": "start of the stretch [s]",
     "end": "end of the stretch [s]",
     "stiffness": "cx_front, cy_front or cy_rear",
-    "value": "filtered stiffness in the last valid row or, if no row is valid, in the last row of the stretch "
-    "[N, N/rad]",
+    "value": "filtered stiffness in the last valid row or, if no row is valid, in the last row of the "
+    "stretch [N, N/rad]",
     "sd": "standard deviation of value [N, N/rad]",
     "low": "lower limit of the 95 % interval of value [N, N/rad]",
     "high": "upper limit of the 95 % interval of value [N, N/rad]",

@@ -401,7 +401,7 @@ def test_times_in_place_of_a_measurement_are_refused(frame):
     ("given", "words"),
     [
         (None, "NoneType cannot be a log; give a file, a data frame"),
-        ([{"time": 0.0}], r"a list cannot be a log; .*pd.DataFrame\(...\)"),
+        ([{"time": 0.0}], r"a list cannot be a log; .*pd.DataFrame\(\) makes"),
         (np.zeros((3, 7)), "has no field names"),
         (7, "int cannot be a log"),
     ],
