@@ -1,11 +1,10 @@
-"""For each channel that was not found in a log, list the nearest signals of the log, and
-why each of them was rejected for this channel.
+"""For each channel that was not found in a log, list the signals whose name and unit fit
+it best, and why each of them was rejected.
 
-The nearest signals are those whose name and unit fit the channel best. Signals are
-compared with a role, i.e. the quantity that the channel needs. The role has the name of
-the channel, e.g. yaw_rate; the channels of all wheel speeds have the same role, "wheel".
-A signal is rejected if its values, unit, name or motion contradict the role, or if it is
-already proposed for another channel.
+A role is the quantity that a channel needs. It has the name of the channel, e.g.
+yaw_rate, but all wheel speeds have the same role, "wheel". A signal is rejected if its
+values, unit, name or motion contradict the role, or if it is already proposed for another
+channel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -79,11 +78,11 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
     """Return a score of how well the name and the unit of a signal fit a role, i.e. the
     quantity that a missing channel needs; 0: not at all.
 
-    The score is that of the name, at most 3 (vocabulary.py), plus 1 if the unit fits the
-    role. A signal whose name describes only another quantity has the score 0. Exceptions
-    for the role "wheel": a wheel of the wrong axle has the score 0, and a speed signal
-    whose name states no wheel has 0.6 if its unit fits, otherwise 0. `axle`: "front" or
-    "rear", the axle of the missing channel; "" for other roles."""
+    The score is that of the name, at most 3 (vocabulary.py), plus 1 if the unit fits. A
+    signal whose name describes only another quantity has the score 0. For the role
+    "wheel", a wheel of the wrong axle has the score 0. A speed signal whose name states
+    no wheel has the score 0.6 if its unit fits, otherwise 0. `axle`: axle of the missing
+    channel, "front" or "rear"; "" for other roles."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -100,9 +99,8 @@ def _match_patterns(role: str, c: Channel) -> list[bool]:
     """Return for each pattern of a role whether the name of the signal `c` may match it,
     although the name also has a word for a different quantity.
 
-    For such a name, score_name() subtracts 4 from the score s of the pattern, and in some
-    cases another 0.2. The score of the name is then negative, and at least s - 4.2. The
-    limit is s - 4.3, with a margin of 0.1 for rounding errors."""
+    With the score s of the pattern, score_name() returns s - 4 or s - 4.2 for such a
+    name. So the name may match if its score is negative and above s - 4.3."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

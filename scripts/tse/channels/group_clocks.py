@@ -142,10 +142,10 @@ def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
 
 
 def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
-    """Return the best score of a channel name for a role, and the channel that has it.
+    """Return the channel whose name fits a role best: (score of its name, channel).
 
-    The role is a quantity that a signal may measure, e.g. yaw_rate. A name with the score
-    1 possibly describes the role. If all scores are below 1, return (0, None)."""
+    A role is a quantity that a signal may measure, e.g. yaw_rate. If no name fits the
+    role, i.e. if all scores are below 1, return (0, None)."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
@@ -234,10 +234,10 @@ def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
     """Correlate two signals at all lags.
 
-    Return the lag [s] of `two` behind `one` at which |correlation| is highest, this
-    |correlation|, and |correlation| at the lag 0. Lags with too little overlap (see
-    MIN_SHARED) have |correlation| 0. `one`, `two`: (start time [s], values) of each
-    signal."""
+    Return three numbers: the lag [s] of `two` behind `one` at which |correlation| is
+    highest, this |correlation|, and the |correlation| at lag 0. At lags with too little
+    overlap (MIN_SHARED), |correlation| is set to 0. `one`, `two`: (start time [s],
+    values)."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 

@@ -26,9 +26,9 @@ BY_SIZE = "from the size of its values"  # source of a unit that neither the log
 # cosine is above 0.99, and tselab calibrate estimates the angle.
 MIN_MOUNTING = 0.12
 # Prior of the unit of a steering angle, used if a log has too few bends for a test. Key:
-# (unit, True for the angle of the steering wheel or False for that of the road wheels).
-# Value: (usual 97 % quantile of |angle| in this unit, share of logs with this unit). The
-# logarithm of the quantile has an sd of 1 between logs.
+# (unit, True: angle of the steering wheel, False: angle of the road wheels). Value: (q,
+# share of logs with this key). The 97 % quantile of |angle| of a log is log-normal: its
+# median is q, in this unit, and its natural logarithm has the sd 1.
 STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
@@ -112,12 +112,15 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
     """Return the signs of yaw_rate, accel_y and accel_x, and whether the sign of yaw_rate
     was tested.
 
-    A sign is -1 if the logged signal is positive to the right or backwards. The sign of
-    yaw_rate follows from its correlation with right - left wheel speed. If this
-    correlation is low, the sign follows from the correlation with the course of a GNSS
-    receiver. If both are low, the sign is untested and assumed to be 1. The sign of
-    accel_y follows from its correlation with v r, the sign of accel_x from its
-    correlation with dv/dt. `facts`: result of measure_slopes()."""
+    A sign is -1 if the logged signal is positive to the right or backwards. It is that of
+    the correlation
+      - of yaw_rate with right - left wheel speed. If |correlation| is 0.7 or less, the
+        rate of the GNSS course is used instead; if 0.7 or less too, the sign is an
+        untested 1.
+      - of accel_y with v r, r with its sign corrected. If |correlation| is 0.7 or less,
+        accel_y has the sign of yaw_rate.
+      - of accel_x with dv/dt. If |correlation| is 0.5 or less, the sign is 1.
+    `facts`: result of measure_slopes()."""
     turn = facts.get("track_corr", 0.0)
     if abs(turn) <= 0.7:
         turn = facts.get("course_corr", 0.0)
@@ -158,9 +161,8 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 def _rate_confidence(said: float, shown: float) -> str:
     """Return the confidence of a guess from its two scores.
 
-    `said`: score by name and unit, at most about 4. `shown`: score by physics, -4 .. 4,
-    i.e. by the correlation with the values that the other channels predict; 2.5 means a
-    correlation of about 0.9, 0 that no test was possible.
+    `said`: score by name and unit, at most about 4. `shown`: score by agreement with the
+    other channels, -4 .. 4; 0: not tested; 2.5: correlation of about 0.9.
     "sure": `said` is at least MIN_NAME_SCORE, and `shown` is at least 2.5.
     "likely": `shown` is at least 2.5, or `said` is at least 2.5 and `shown` above -1.
     "unsure": in all other cases."""
@@ -329,14 +331,14 @@ def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float 
 def _choose_steering_unit(
     look: Look, guess: Guess, raw: float, spread: float, unit: str, given: float | None, warnings: list[str]
 ) -> float:
-    """Choose the unit of the steering angle; return the ratio of the angle to r L/v.
+    """Choose the unit of the steering angle; return q = angle [rad] / (r L/v).
 
-    L: wheelbase, so r L/v [rad] is the angle of the road wheels without understeer. With
-    the right unit, the ratio is 1 for the angle of the road wheels, and the steering
-    ratio for the angle of the steering wheel. The unit whose ratio is nearest to one of
-    these two values is chosen. `raw`: ratio of the angle, in the unit of the signal, to
-    r L/v. `spread`: sd of ln `raw`. `unit`: unit in the log; "": unknown. `given`:
-    steering ratio in the vehicle file; None: unknown, RATIO_PRIOR is used."""
+    r L/v (L: wheelbase) is the angle of the road wheels without understeer. With the
+    right unit, q is 1 if the signal is the angle of the road wheels, and the steering
+    ratio if it is the angle of the steering wheel. The unit whose q is nearest to 1 or to
+    the steering ratio is chosen. `raw`: q with the angle in the unit of the signal.
+    `spread`: sd of ln `raw`. `unit`: unit in the log; "": unknown. `given`: steering
+    ratio in the vehicle file; None: unknown, RATIO_PRIOR is used."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
     options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
@@ -346,8 +348,8 @@ def _choose_steering_unit(
     )
     name = guess.name[0]
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    # With the unit in the log, the ratio differs by more than 3 sd from 1 and from the
-    # steering ratio: the unit is not plausible.
+    # With the unit in the log, q differs by more than 3 sd from 1 and from the steering
+    # ratio: the unit is not plausible.
     if unit and off > 3.0:
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(unit_factor(other, "rad") or 1.0)
@@ -508,9 +510,9 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of a median difference of accel_x or accel_y from the kinematics above 0.7
-    m/s2, of a ratio a_y / (v r) outside 0.8 .. 1.25, and of a track width (from the wheel
-    speeds) outside 1.1 .. 2.1 m."""
+    """Warn if the median of accel_y - v r or of accel_x - dv/dt is outside +-0.7 m/s2, if
+    a_y / (v r) is outside 0.8 .. 1.25, or if the track that follows from the wheel speeds
+    is outside 1.1 .. 2.1 m."""
     if v is None:
         return
     r = (
@@ -553,9 +555,9 @@ def _check_offsets(
 # ---- Latency of each channel behind the yaw rate.
 
 MIN_LATENCY = 0.004  # [s] min latency that is proposed
-# [s] mean and sd, over many cars, of the lag of the yaw rate behind the angle of the road
-# wheels in slow steering. They are from simulations of understeering single-track models
-# with tyre relaxation lengths and random parameters.
+# [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
+# steering, simulated by understeering single-track models with tyre relaxation lengths
+# and random parameters
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
 # [1] A steering latency is only proposed if latency / (sd of the latency) exceeds this.
 MIN_STEERING_SDS = 2.0
@@ -610,14 +612,13 @@ def find_latencies(
 def _set_steering_latency(
     look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
 ) -> None:
-    """Set the latency of the steering angle, if the yaw rate follows the angle too soon.
+    """Set the latency of the steering angle, if the yaw rate lags the angle too little.
 
-    In a car, the yaw rate lags the angle of the road wheels by about YAW_LAG. If the
-    measured lag is smaller or negative, the logged angle is delayed, and its latency is
-    YAW_LAG - lag. The lag differs between cars (YAW_LAG_SD). A latency is therefore only
-    set here if it is at least MIN_STEERING_SDS times as large as its sd, which includes
-    YAW_LAG_SD. A smaller latency can only be found by a fit of the whole car: tselab
-    calibrate."""
+    In a car, the yaw rate lags the angle of the road wheels by YAW_LAG (sd YAW_LAG_SD).
+    If the measured lag is smaller or negative, the logged angle is late by YAW_LAG - lag.
+    This latency is only set if it is above MIN_STEERING_SDS x its sd, which includes
+    YAW_LAG_SD, and below MAX_STEERING_LATENCY. tselab calibrate also finds smaller
+    latencies."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -653,14 +654,14 @@ def _find_accel_lag(
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
-    """Set the latency of a guess to `late`, if it is significant; add the evidence.
+    """Set the latency of a guess to `late`, if `late` is significant; add the evidence.
 
     `late`: [s] delay behind the yaw rate; negative: ahead of it. `sd`: [s] sd of `late`.
-    It is significant if |late| exceeds both MIN_LATENCY and MIN_LATENCY_SDS x `sd`, but
-    is below 0.3 s, and `sd` is below 0.02 s. If the signal has the same time stamps as
-    the yaw rate, both were probably sampled together. |late| up to 2 x MIN_LATENCY is
-    then taken as an error of this estimate, and only the evidence is added. `clock`: name
-    of the signal of the yaw rate. `how`: the compared signals, for the evidence."""
+    `late` is significant if |late| is above MIN_LATENCY and MIN_LATENCY_SDS x `sd`, and
+    below 0.3 s, and if `sd` is below 0.02 s. If signal and yaw rate have the same time
+    stamps, they were probably sampled together. Only the evidence is then added for
+    |late| up to 2 x MIN_LATENCY. `clock`: name of the signal of the yaw rate. `how`: the
+    compared signals, for the evidence."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -108,11 +108,12 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's column names.
 
-    If the result is True, the columns are read without mapping and resampling. If it is
-    False, read_any() reads the file. Even for a CSV with the library's column names, the
-    result is False if an option states a signals.toml or the rate of the rows, if a
-    signals.toml next to the file assigns columns of the file, if the times are dates or
-    times of day, or if decimals are written with a comma."""
+    The columns of such a file are read without mapping and resampling. Return False, so
+    that read_any() reads the file, also in these cases:
+      - an option states a signals.toml or the rate of the rows
+      - a signals.toml next to the file assigns columns of the file
+      - the times are dates or times of day
+      - decimals are written with a comma"""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -221,12 +222,11 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
 
 
 def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
-    """Return the columns that the estimation needs from this frame.
+    """Return the names of the columns that the estimation needs from this frame.
 
-    These are time and the channels. Left out are channels that the frame lacks and that
-    may be missing. If the frame has two columns of wheels instead of the column of an
-    axle, the columns of the wheels are needed. Raise an error if a needed column is
-    missing, or if any column appears twice."""
+    These are time and the channels, except those that the frame lacks and need not have.
+    The columns of left and right wheel may replace the column of their axle. Raise an
+    error if a needed column is missing, or if any column appears twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -360,10 +360,9 @@ def _read_numbers(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Read the columns of a CSV as numbers.
 
-    In a needed column, cells that are not numeric become NaN, with a note. If a larger
-    share than MAX_OUTSIDE of the cells of a needed column is not numeric, an error is
-    raised. An optional column with a cell that is not numeric is left out. A row is
-    dropped if its cells in all needed columns are empty.
+    Cells of a needed column that are not numeric become NaN, and a note counts them. If
+    their share exceeds MAX_OUTSIDE, an error is raised. An optional column with such a
+    cell is left out. A row is dropped if its cells in all needed columns are empty.
 
     Parameters
     ----------
@@ -573,14 +572,13 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
 def _join_slow_channels(
     native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
 ) -> dict[str, SlowChannel]:
-    """Return the original entries of the channels whose rate is below that of the rows.
+    """Return times and values, as logged, of the channels that are slower than the rows.
 
-    An entry is a value with its time, as logged. In the rows, such a channel is
-    interpolated, which smooths its noise. The noise is therefore estimated from the
-    original entries. If both wheels of an axle have a lower rate than the rows, the mean
-    of the two wheel speeds is returned as the speed of the axle. `native`: channel ->
-    (times [s] of its entries, their values, their rate [Hz]). `rate`: [Hz] rate of the
-    rows."""
+    The rows are the common times to which all channels are resampled. Interpolation
+    smooths the noise of a slow channel, so the noise is estimated from the logged values.
+    If both wheels of an axle are slow, the mean of the two wheel speeds is returned as
+    that of the axle. `native`: channel -> (times [s], values, rate [Hz]), as logged.
+    `rate`: [Hz] rate of the rows."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

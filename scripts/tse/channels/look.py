@@ -290,10 +290,10 @@ def find_flag(
 ) -> tuple[str, float] | None:
     """Return the validity flag of the signal `mine`, and the value that means valid.
 
-    The flag is in the same message as the signal. If a flag has a name similar to that of
-    the signal, the most similar flag is returned. If not, and if exactly one flag of the
-    message refers to the message as a whole, i.e. to none of its signals alone, this flag
-    is returned. Names in `taken` are left out. Return None if the signal has no flag."""
+    Only flags in the message of the signal are searched, except those in `taken`. If
+    names of flags are similar to that of the signal (MIN_FLAG_ALIKE), return the flag
+    with the most similar name. Otherwise, return the flag that belongs to all signals of
+    the message; None if there are several or none."""
     found = sorted(
         (_compare_names(c, mine), c.name, v)
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())
@@ -395,11 +395,10 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 def _find_valid_value(c: Channel) -> float | None:
     """Return the value of a flag that means valid; None: unknown, or not a flag.
 
-    A database of the bus may name the states of a flag. If some of these names describe a
-    bad state, e.g. "invalid", and if exactly one value in the log is not a bad state,
-    return this value. If several are not bad, return None. Without names of bad states,
-    return the most frequent value if at least MIN_VALID_SHARE of the rows, but not all,
-    have it, otherwise None."""
+    If a database of the bus names bad states of the flag, e.g. "invalid", return the only
+    logged value that is not a bad state; None if there are several or none. Without such
+    names, return the value that at least MIN_VALID_SHARE of the rows, but not all, have;
+    None if there is no such value."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]

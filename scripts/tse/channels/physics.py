@@ -139,12 +139,11 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    # Noise of the curvature biases the slope of the regression of the angle on the
-    # curvature towards 0. Noise of the angle biases the slope of the inverse regression
-    # away from 0. The slope of the inverse regression is slope / share, where share is
-    # the explained share of the variance of the angle. The true slope is between these
-    # two slopes, and their geometric mean is returned, as in fit(). The sd includes the
-    # sd of a uniform distribution of ln(slope) between the two.
+    # Noise of the curvature biases the slope of the regression of angle on curvature
+    # towards 0. Noise of the angle biases the slope of the inverse regression away from 0;
+    # it is slope / share (share: explained share of the variance). Return the geometric
+    # mean of both slopes, as in fit(). The sd includes that of a uniform distribution of
+    # ln(slope) between both.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(

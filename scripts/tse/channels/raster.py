@@ -36,9 +36,9 @@ PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
 # interpolated by a cubic through four entries instead of a spline. The cubic is then as
 # accurate as the spline, and faster to compute.
 DENSE_RATIO = 4.0
-# [1] If a column of a table has values in a smaller share of the rows than this, it is
-# checked whether the column was sampled at a lower rate than the rows. If so, the table
-# is resampled. If not, its rows are kept.
+# [1] A column with values in less than this share of the rows of a table may have a lower
+# rate than the rows. If the median distance of its values exceeds 1 row, the table is
+# resampled. Otherwise, the rows of the table are kept.
 MIN_FILLED = 0.8
 # [entries] A value of a cubic spline depends only on the entries within this distance.
 # The influence of an entry decays by the factor 0.27 per entry of distance, and 0.27 **
@@ -103,12 +103,12 @@ def resample_channels(
         table with the same times and few missing values, the rows of the table are kept.
         Otherwise, the rate is that of the fastest channel, at most MAX_DEFAULT_RATE.
     path : Path, optional
-        The file, for messages. None: the number of rows is not limited.
+        The file. Its size limits the number of rows, see check_rows(). None: no limit.
 
     Raises
     ------
     UserError
-        There are more rows than a file of this size can contain, see check_rows().
+        There are more rows than a file of this size can contain.
     """
     plain = _keep_table(found, rate)
     if plain is not None:
@@ -334,12 +334,10 @@ def _make_times(
     """Return the times of the rows, s.
 
     The rows cover the interval in which all inputs of the model (steering angle and wheel
-    speeds) are present. If there is no such interval, they cover the interval from the
-    first to the last entry of all channels in `core`. If the yaw rate has the rate of the
-    rows, the rows are at the times of its entries, so that the yaw rate need not be
-    interpolated. If it has a different rate, the rows are at the times of another channel
-    with the rate of the rows. If there is no such channel either, they begin at the start
-    of the interval.
+    speeds) are present. If there is no such interval, they cover all entries of the
+    channels in `core`. The rows coincide with the entries of one channel with the rate of
+    the rows, so that it need not be interpolated: the yaw rate, if it has this rate. If
+    no channel has this rate, the first row is at the start of the interval.
 
     `own`: channel -> its times [s] and values. `rates`: channel -> its rate [Hz]. `core`:
     channels for which is_core() is True."""
