@@ -182,9 +182,9 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the most probable fault among those that are not accepted yet.
- * Return NO_FAULT if the probability of the regime TSE_REGIME_FAULT is at most LIKELY. A
- * row whose probability of this regime is above LIKELY thus always names a channel. */
+/* Return the channel of the most probable fault that is not accepted yet, or NO_FAULT if
+ * the probability of TSE_REGIME_FAULT is at most LIKELY. Above LIKELY the estimates have
+ * the reason TSE_SENSOR_FAULT (find_reason()). */
 static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
@@ -233,11 +233,10 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether the model does not fit a channel. This is so if the square of the slow
- * (low-passed) innovation exceeds TAIL times its usual mean square, which is
- * tse_kalman.usual times the predicted variance. It is also so if tse_kalman.usual itself
- * exceeds TAIL. Only a TSE_SMALL build uses this test, because its events do not find
- * faulty channels. */
+/* Return whether the model does not fit a channel: the squared low-passed innovation
+ * exceeds TAIL times its usual mean square (tse_kalman.usual times its predicted
+ * variance), or tse_kalman.usual exceeds TAIL. Only a TSE_SMALL build uses this test,
+ * because its events do not find faulty channels. */
 static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];

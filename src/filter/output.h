@@ -1,4 +1,4 @@
-/* filter/output.h - report and verdict of a row. Internal. */
+/* filter/output.h - output of a row: estimates, and whether they are valid. Internal. */
 #ifndef TSE_FILTER_OUTPUT_H
 #define TSE_FILTER_OUTPUT_H
 
@@ -10,7 +10,7 @@ typedef struct row_class {
   int sparse;    /* 1: gaps are more frequent than MAX_GAP_RATE, so that no estimate is valid */
   int held;      /* 1: no stiffness is updated: car slow, in reverse, or steering angle large */
   int predicted; /* 1: the row has no steering angle or no IMU channel, or the motion is unknown
-                  * (tse_filter.lost), for example without wheel speeds for ROAD_TIME */
+                  * (tse_filter.lost) */
   int no_second; /* 1: the wheel speeds of the two axles cannot be compared (decoded.no_second) */
   int rolls;     /* freely rolling axle: ROLLS_* */
 } row_class;

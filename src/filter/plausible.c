@@ -12,15 +12,14 @@
  * means and variances are estimated over the shorter ROAD_TIME, so that the data from
  * such a road are forgotten soon after it ends.
  *
- * A wrong unit of the speed may give a factor near 1. If a speed in km/h is taken for a
- * wheel speed in rad/s, the factor is 3.6 times the wheel radius in m, i.e. 1.0 .. 1.3.
- * One pair alone cannot show so small a factor, because roll and pitch change the ratio
- * of its quantities by as much. This factor is therefore computed from two pairs together
- * (compute_scale()). If the speed v is too large by a factor, two ratios are too large by
- * the same factor: (v r)/accel_y, r being the yaw rate, and (rate of v)/accel_x. Their
- * product is the square of the factor. The first ratio is computed as
- * variance(v r)/covariance, the second as covariance/variance(accel_x). A latency of both
- * accelerometers decreases both covariances, which cancels in the product. */
+ * A speed in km/h that is taken for a wheel speed in rad/s is wrong by the factor 3.6
+ * times the wheel radius in m, i.e. 1.0 .. 1.3. Roll and pitch change the ratio of the
+ * quantities of one pair by as much. compute_scale() therefore combines two pairs. A
+ * speed v that is too large by a factor increases (v r)/accel_y, r being the yaw rate,
+ * and (rate of v)/accel_x by this factor, and their product by its square. The first
+ * ratio is computed as variance(v r)/covariance, the second as
+ * covariance/variance(accel_x). A latency of both accelerometers decreases both
+ * covariances, which cancels in the product. */
 #include "filter/exponential.h"
 #include "filter/plausible.h"
 #include "tables/input.h"
@@ -49,11 +48,10 @@ enum {
  * yaw rate that is expected from the steering angle. */
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
-/* Return the variance of the first quantity of a pair, without the part that the second
- * quantity cannot have. For the pair ALONG this part is the variance of gravity along the
- * road, which accel_x measures and the rate of the speed does not contain: (3 sd of this
- * gravity)^2 is subtracted. The grade may vary less than that. The subtraction therefore
- * does not go below the variance of the second quantity. */
+/* Return the variance of the first quantity of a pair. For ALONG, subtract the variance
+ * that the road can cause, (3 prior sd of gravity along the road)^2: accel_x measures
+ * this gravity, and the rate of the speed does not contain it. Because the real grade may
+ * vary less, the result is at least the smaller variance of the two quantities. */
 static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
@@ -68,9 +66,8 @@ static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R
  * disagrees. The excitation is the averaging time times a variance. For ACROSS,
  * TURNING_BY and ALONG it is the larger variance of the two quantities, because a wrong
  * unit may make the other variance small. For the other pairs it is the variance of the
- * first quantity. While a pair disagrees, its averaging time is limited to ROAD_TIME.
- * USUAL_TIME is then used in place of the averaging time: otherwise a larger variance
- * would be needed.
+ * first quantity. While a pair disagrees, USUAL_TIME is used in place of the averaging
+ * time, which is then limited to the shorter ROAD_TIME.
  *   Given:  first  variance of the first quantity, from compute_explainable()
  *           apart  1: the pair disagrees */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
@@ -110,8 +107,8 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
  * effect. A wrong unit, however, lasts, and soon increases the variance in spite of this
  * limit.
  *   Given:     memory     [s] averaging time
- *              least      [unit^2] while the variance of a quantity is smaller than this,
- *                         the limit of 3 sd is computed from `least` instead
+ *              least      [unit^2] lower limit of the variance from which the 3 sd are
+ *                         computed
  *   Returned:  deviation  of x and y from their means, limited */
 static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
@@ -146,12 +143,10 @@ static tse_real compute_factor(const tse_pair *q)
  * quantities. A pair that disagrees, or whose squared correlation is below SCALE_RELATED,
  * does not contribute.
  *
- * The second quantity of each pair contains a term that is not due to the scale. In ALONG
- * the rate of the slip adds to the rate of the speed. In ACROSS the rate of the lateral
- * speed adds to accel_y during fast periodic steering. Each term is proportional to the
- * rate of the first quantity of its pair, and thus leads this quantity by a quarter of a
- * period. The mean product of the two is 0, so that slip and lateral speed do not bias
- * the scale. */
+ * The second quantity also contains the rate of the slip (ALONG) or of the lateral speed
+ * (ACROSS). In periodic motion this rate is proportional to the rate of the first
+ * quantity, and thus leads the first quantity by a quarter of a period. Their mean
+ * product is 0, so that slip and lateral speed do not bias the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -221,9 +216,8 @@ static void update_timing(
 }
 
 /* Return the max plausible value of (nominal - true)/true for the rear cornering
- * stiffness: SOFTER. If a change to a road with less grip was accepted, the true
- * stiffness has decreased. (before - after)/after of this change is then added, at most
- * e - 1. */
+ * stiffness: SOFTER, plus (before - after)/after of the last accepted change if this was
+ * a change to a road with less grip. The sum is at most SOFTER + e - 1. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -241,9 +235,9 @@ static tse_real compute_softening(const tse_kalman *k)
  * where r is the yaw rate, l_f and l_r the distances of the axles from the centre of
  * gravity, L the wheelbase, C_r the rear cornering stiffness and m the mass. At the IMU,
  * l_r + lever_x takes the place of l_r. The effect of v_y' is removed from a->across, so
- * that only the latency of the channel remains there. Tyres that are softer and an IMU
- * that is further back than in the settings delay accel_y by more. a->lags is the largest
- * plausible lag of this kind, multiplied by the squared jerk and added up.
+ * that only the latency of the channel remains. Tyres that are softer, or an IMU that is
+ * further back than in the settings, leave a lag. a->lags is the time integral of (max
+ * plausible value of this lag) x jerk^2.
  *   Given:  was  low-passed values of the previous row */
 static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
@@ -274,15 +268,13 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
 /* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
  * Return 0 if no channel is late, or if the excitation is too small for a decision.
  *
- * In every car the yaw rate follows the steering angle. If the logged yaw rate leads the
- * steering angle, the steering angle is late. Tyres that are softer, or an IMU that is
- * further back than in the settings delay accel_y. The limit of the latency of accel_y
- * therefore includes this lag (a->lags).
+ * In every car the yaw rate follows the steering angle. If the logged yaw rate leads it,
+ * the logged steering angle is late. The limit of the latency of accel_y includes the lag
+ * that soft tyres or an IMU further back can cause (a->lags).
  *
- * What is compared is (latency x excitation) with (limit x excitation). The excitation is
- * the time integral of the squared jerk: `square` or `asked`. The limit includes 3 sds of
- * the latency, which are LATE_SD/sqrt(excitation). Times the excitation this is
- * LATE_SD sqrt(excitation). */
+ * Both sides of each comparison are multiplied by the excitation, the time integral of
+ * the squared jerk (`square`, `asked`). 3 sd of a latency are LATE_SD/sqrt(excitation),
+ * and times the excitation LATE_SD sqrt(excitation). */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;

@@ -20,7 +20,7 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-/* Return the angle of the front wheels from the previous row to this one: the logged
+/* Return the angle of the front wheels at the previous row and at this row: the logged
  * steering angle, delayed by the lags of the steering. */
 static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const decoded *z)
 {
@@ -110,13 +110,11 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* See predict.h. Each addition of process noise to a state is a rank-one change of the
- * covariance. To do this for all slow states in each row would take too long. In each row
- * only some slow states therefore receive process noise: the state whose turn it is
- * (slow_turn, one state after the other), and each state whose last process noise is
- * WALK_TIME ago, or WANDER_TIME for gravity. The added noise is that of the whole time
- * since the last addition. A TSE_SMALL build has few slow states, and adds noise to all
- * of them in each row. */
+/* Each addition of process noise to a state is a rank-one change of the covariance, which
+ * takes too long for all slow states in each row. In a row, process noise is added only
+ * to the state slow_turn (each slow state in turn), and to each state whose last addition
+ * is WALK_TIME ago, or WANDER_TIME for gravity. It is the noise of the whole time since
+ * then. A TSE_SMALL build adds noise to all its few slow states in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -149,16 +147,13 @@ static void move_motion(
   for (int i = 0; has_bank && i < MOTION; i++) M[i][LEAN] = r_short(TSE_R(0));
 }
 
-/* Convert the transition M from SI units to the units of the state. Before the
- * conversion, multiply the partial derivatives with respect to a stiffness by the share
- * of compute_signal_shares(), so that errors of the slip do not bias the stiffness. If
- * the row cannot show the slip, set partial derivatives with respect to slip and slip
- * stiffness to 0, so that the filter does not estimate them.
- *   Given:    share  from compute_signal_shares()
- *             z      z->no_slip: derivatives of v_x with respect to the slip stiffness
- *                    become 0. z->no_second: derivatives of all states with respect to
- *                    slips and slip stiffness become 0
- *   Updated:  M */
+/* Multiply the partial derivatives with respect to each stiffness by its share from
+ * compute_signal_shares(), so that errors of the slip do not bias the stiffness. Then
+ * convert the transition M from SI units to the units of the state.
+ *
+ * If z->no_slip is 1, set the derivative of v_x with respect to the slip stiffness to 0.
+ * If z->no_second is 1, set all derivatives with respect to slips and slip stiffness to
+ * 0. The filter then does not estimate them. */
 static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {
   r_factored unit[STATES];

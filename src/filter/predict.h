@@ -19,7 +19,7 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row.
- *   Returned:  angle of the front wheels from the previous row to this one */
+ *   Returned:  angle of the front wheels at the previous row and at this row */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict the slow states only: gravity, biases, stiffness, grip, steering. If the motion

@@ -7,9 +7,9 @@
  * axle has no torque if the magnitude of its torque is below p->no_torque.
  *
  * If one axle is driven, only the undriven axle can roll freely. It does so if the brake
- * is off and the undriven axle has no torque. If the row gives only the brake switch, or
- * only the torque of the undriven axle, only this condition is checked. If the row gives
- * neither, the result is ROLLS_UNKNOWN.
+ * is off and this axle has no torque. If the row does not give one of the two (brake
+ * switch, torque of the undriven axle), the other alone decides. If it gives neither, the
+ * result is ROLLS_UNKNOWN.
  *
  * If both axles are driven, or if the driven axle is unknown, an axle rolls freely if the
  * brake is not on, this axle has no torque and the other axle has torque. The torques of
@@ -48,17 +48,14 @@ static int is_same(const tse_filter *f, tse_real front, tse_real rear)
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the wheel speeds of both axles are copies of one signal. In a log one copy
- * may lag behind the other by a row, or repeat a value while the other already has a new
- * one. A new value therefore counts as a copy if it matches the value of the other axle
- * in this row or in the previous row (is_same()). The wheel speeds are two signals if
- * both axles have had new values in the last USUAL_TIME that were no copies.
- *
- * There is also only one speed if the wheel speed of one axle has been missing for
- * USUAL_TIME and no velocity is measured. z->no_second is 1 in both cases.
- *   Updated:  z  equal, same, off, one_speed and no_second (see `decoded` in types.h).
- *                If there is one signal, the rear axle receives the newer value and the
- *                front axle is not used */
+/* Find whether the wheel speeds of both axles are copies of one signal. A copy may lag
+ * behind the other by a row, or repeat a value. A new value therefore counts as a copy if
+ * it matches the value of the other axle in this row or in the previous row (is_same()).
+ * There are two signals if each axle has had a new value in the last USUAL_TIME that was
+ * no copy, unless the setting wheel_signals is 1.
+ *   Updated:  z  equal, same, off, one_speed and no_second, explained in types.h. If
+ *                there is one signal, the front axle is not used, and the rear axle
+ *                receives the newer value */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];

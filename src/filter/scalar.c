@@ -45,13 +45,13 @@ static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_r
   return k->usual[c];
 }
 
-/* Number of consider parameters that are processed in one loop. */
+/* Number of consider parameters that the loops below process at once. */
 enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
 
 /* Compute y = V' h + d, the shift of the innovation of a measurement per sd of each
  * consider parameter.
- *   Given:  own  d, partial derivatives of the measurement with respect to the
- *                parameters, per sd
+ *   Given:  own  d: partial derivatives of the measurement with respect to the
+ *                parameters, each multiplied by the sd of the parameter
  *           h    partial derivatives of the measurement with respect to the state */
 static void compute_shifts(
     const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])

@@ -5,12 +5,13 @@
 #include "filter/types.h"
 
 /* Update the filter with one measurement.
- *   Given:     channel  ACCEL_X ..., or NO_SENSOR_*
+ *   Given:     channel  ACCEL_X ..., or NO_SENSOR_LONGITUDINAL or NO_SENSOR_LATERAL for a
+ *                       measured velocity or a pseudo-measurement
  *              sd       sd of the sensor
  *   Updated:   change   sum of the corrections of this row, in units of the state
  *   Returned:  S, the variance of the innovation with which the gain was computed
- *              *state   the part of S that is not measurement noise: h' P h, and the
- *                       part due to consider parameters */
+ *              *state   the part of S that is not measurement noise: h' A h + y' y, see
+ *                       scalar.c */
 tse_real use_scalar(
     tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 

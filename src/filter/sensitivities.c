@@ -38,8 +38,8 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_element(&k->event[n].v[i], left);
 }
 
-/* Number of sensitivity vectors (tse_event.v, tse_kalman.consider) that one loop
- * propagates. */
+/* Number of sensitivity vectors (tse_event.v, tse_kalman.consider) that move_together()
+ * propagates in one call. */
 enum { MOVED = R_TOGETHER(3) };
 
 /* Multiply MOVED sensitivity vectors v by the transition matrix M. M has only the rows of

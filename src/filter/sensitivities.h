@@ -10,9 +10,9 @@
  * the gains and variances (Schmidt-Kalman filter). */
 
 /* Propagate the sensitivities through the row.
- *   Given:  M  transition in units of the state, as for ud_move(). The columns after
- *              those of the states are the partial derivatives with respect to the
- *              consider parameters, stored as tse_short (r_short()) */
+ *   Given:  M  transition in units of the state: first the columns of the states, as for
+ *              ud_move(), then the partial derivatives with respect to the consider
+ *              parameters, in the number format of r_short() */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
 /* Return whether, for each event and consider parameter, the sum of squares of the

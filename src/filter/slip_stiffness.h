@@ -22,13 +22,13 @@ STAGE void along_start(tse_kalman *k, tse_real var);
  *   Returned:  *var     posterior variance of ln(slip stiffness), P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var);
 
-/* Return the estimate of ln(slip stiffness). If LCX has changed by more than the model
- * error explains, increase the variance of the result, because the tyres may have
- * changed.
+/* Return the estimate of ln(slip stiffness). If the change that along_share() attributes
+ * to the model error exceeds the sd B of this error, increase the variance of the result
+ * by change^2 - B^2, because the tyres may have changed.
  *   Given:    shift  mean shift of LCX by events that are not accepted yet; it is added
  *                    to the result
- *   Updated:  var    in: variance of LCX, including the part due to these events; out:
- *                    variance of the result */
+ *   Updated:  var    in: variance of LCX, including the part due to the events that are
+ *                    not accepted yet; out: variance of the result */
 tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
 
 /* Start a new estimate of ln(slip stiffness) at the present value of LCX, after an

@@ -8,9 +8,8 @@
  * state if one was loaded. */
 STAGE void start_state(const tse_params *p, tse_filter *f);
 
-/* Initialise the motion from wheel speed and gyro. Two low passes in series delay the
- * logged steering angle (setting steering_lag_time): set their outputs to the logged
- * angle. */
+/* Initialise the motion from wheel speed and gyro, and set the two low passes that delay
+ * the steering angle (setting steering_lag_time) to the logged angle. */
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 #endif

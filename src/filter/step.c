@@ -62,10 +62,10 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
 /* Store the wheel speeds and their ratio. In the next row find_one_speed() (row.c) needs
  * them to decide whether the wheel speeds of both axles are copies of one signal.
  *
- * Also update off_for [s] of each axle: the remaining time for which its wheel speed
- * counts as a signal of its own. A row in which this wheel speed has a new value that is
- * no copy of the other one sets the time to USUAL_TIME. The time decreases while the two
- * wheel speeds agree, or while one of them is missing. */
+ * Also update off_for [s] of each axle. While it is above 0, the wheel speed of the axle
+ * counts as a signal of its own. A new wheel speed that is no copy of the one of the
+ * other axle sets it to USUAL_TIME. It decreases while the two wheel speeds agree, or
+ * while one of them is missing. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -188,14 +188,14 @@ static tse_status find_status(
   return status;
 }
 
-/* Process a row in which the motion is not predicted. There are these cases: the car is
- * slow, in reverse or steers by a large angle; the motion cannot be predicted from the
- * previous row; the motion is lost; the filter has not started yet.
+/* Process a row in which the motion is not predicted: the car is slow, in reverse or
+ * steers by a large angle; the motion cannot be predicted from the previous row; the
+ * motion is lost; or the filter has not started yet.
  *
- * Initialise the motion from wheel speeds and gyro, unless it is lost. Predict the slow
- * states only, and update the gyro bias at standstill. The filter starts with the first
- * row that has both steering angle and wheel speed. Until then the slow states are not
- * predicted either, and the motion is initialised in every row, even if it is lost. */
+ * Before the start, initialise the motion from wheel speeds and gyro. The filter starts
+ * with the first row that has both steering angle and wheel speed. After the start,
+ * predict the slow states, and initialise the motion unless it is lost. In both cases
+ * update the gyro bias at standstill. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -208,12 +208,10 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether the motion is known: all elements of D that belong to it are below
- * MAX_D, and so are the sums of squares of its sensitivities. There are two reasons for
- * larger numbers. With unrealistic settings the integration of the motion can diverge,
- * even within one row. The motion of an unstable (oversteering) car diverges while
- * measurements are missing. One of these numbers exceeds MAX_D long before a number
- * overflows. */
+/* Return whether the motion is known: its elements of D and the sums of squares of its
+ * sensitivities are below MAX_D. If the motion diverges, they exceed MAX_D long before a
+ * number overflows. It can diverge with unrealistic settings, even within one row, and in
+ * an unstable (oversteering) car while measurements are missing. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = are_sensitivities_known(k);

@@ -50,7 +50,7 @@ typedef struct decoded {
 enum {
   EVENT_NONE,
   EVENT_ROAD,           /* a different road surface, which acts on all tyres */
-  EVENT_ROAD_AXLE_DIFF, /* second amplitude of EVENT_ROAD: difference of the change between the axles */
+  EVENT_ROAD_AXLE_DIFF, /* part of EVENT_ROAD: difference of the change between front and rear axle */
   EVENT_ROAD_RETURN,    /* return to the road surface before the last change */
   EVENT_FRONT,          /* change of the front tyres */
   EVENT_REAR,           /* change of the rear tyres */
@@ -76,7 +76,7 @@ enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
 /* A scalar measurement. h and consider are partial derivatives of its prediction. */
 typedef struct scalar {
-  int32_t along;                     /* 1: no braking: longitudinal channels can show tyre changes */
+  int32_t along;                     /* 1: no braking, so that longitudinal channels show tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */

@@ -10,10 +10,9 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 }
 
 /* Multiply an element d of D by share^2, but leave it at least MIN_D.
- *   Returned:  factor for the column u of U that belongs to d. The covariances contain
- *              the product u d, which must be multiplied by share. The factor is
- *              therefore share (old d)/(new d), i.e. 1/share unless MIN_D limits the new
- *              d. In fixed point it is always 1/share */
+ *   Returned:  share (old d)/(new d): factor for the column u of U above d, so that the
+ *              covariances u d are multiplied by share. It is 1/share unless MIN_D limits
+ *              the new d. In fixed point it is always 1/share */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
@@ -80,8 +79,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
       /* left: covariance of states i and j. own: variance of state i. The loop subtracts
-       * from both the part that the columns of U after column j contribute. These columns
-       * are already done. */
+       * the terms of the columns k > j of U, which are done: d_k u_ik u_jk from the
+       * covariance, and d_k u_ik^2 from the variance. */
       tse_real left = cov[i][j];
       tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {
@@ -111,15 +110,15 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
 /* Do step j of the rank-one update P + c a a' (Agee & Turner): update element j of D, and
- * column j of W, the rows of the extra states. The caller then updates column j of U with
- * the returned factors: for each element u and the element b of a in the same row, first
- * b += pull u, then u += share b.
+ * column j of W (rows of the extra states, see ud.h). Then the caller must update column
+ * j of U. For each element u of it, with the element b of a in the same row, this is
+ * first b += pull u, then u += share b.
  *   Given:     up  the elements of a are stored times 2^up (fixed point only)
- *   Updated:   a     elements of the extra states, by `pull` and column j of W
- *              c     factor c for the rest of the update: the columns before j
- *   Returned:  pull  -a_j
+ *   Updated:   a      elements of the extra states: the same b += pull u
+ *              c      replaced by the c of the next step, j - 1
+ *   Returned:  pull   -a_j
  *              share  c a_j / (new element j of D)
- *              1; 0 if a_j is 0, so that nothing changes */
+ *              0 if a_j is 0, so that the step changes nothing; otherwise 1 */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
@@ -176,12 +175,12 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], MIN_D);
 }
 
-/* Working matrix of the time update. Its rows are the errors of the predicted motion, and
- * of the extra states, as linear combinations of independent errors. Each column belongs
- * to one independent error, with its variance: the first MOTION columns to the errors of
- * the motion before the prediction, the others to the process noise. The rows of the
- * motion are therefore (F U, identity), F being the transition matrix. orthogonalise()
- * computes from them the new columns of U, which are triangular again. */
+/* Working matrix of the time update (Gram-Schmidt). It expresses the errors of the
+ * predicted motion and of the extra states, one row each, as linear combinations of
+ * independent errors, one column each, with their variances. The first MOTION columns are
+ * the errors with the variances D of the motion, the others the process noise. The rows
+ * of the motion are at first (F U, identity matrix), F being the transition matrix.
+ * orthogonalise() makes them triangular, which gives the new columns of U. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];
@@ -190,7 +189,7 @@ typedef struct sums {
 /* Compute the rows of the motion (0 .. MOTION - 1) of the product F U, F being the
  * transition matrix.
  *   Given:     M  rows of the motion of F
- *   Updated:   p  columns MOTION .. STATES - 1 of U: now those of F U
+ *   Updated:   p  in these rows, columns MOTION .. STATES - 1 of U are replaced by F U
  *   Returned:  s  columns 0 .. MOTION - 1 of F U, which are not triangular */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {

@@ -1,18 +1,17 @@
 /* filter/ud.h - a covariance P as U D U', U unit upper triangular, D diagonal. Internal.
  *
  * In this form rounding leaves D positive and P symmetric: variances are never negative,
- * no matrix is inverted, and numbers need half the digits of those in P. References:
+ * no matrix is inverted, and half the number of digits is sufficient. References:
  * Bierman, Factorization Methods for Discrete Sequential Estimation (1977), V.3
  * (measurement) and VI.4 (time); Agee & Turner (1972), rank-one update. Only the elements
  * of U above the diagonal are stored, one column after the other (p->u).
  *
- * Extra states are states that exist only after a velocity has been measured, for example
- * the heading (velocity.c). No other state depends on them. In U they therefore come
- * before the other states: each extra state adds a row above the rows of the other
- * states, and does not change the rows of the other states. The added rows are called W
- * and are stored in p->w. In vectors (a, h, f, v, gain), however, the extra states come
- * after the other states. While p->extras is 0, no extra states are in use, and their
- * elements of these vectors are not read. */
+ * Extra states exist only after a velocity has been measured, for example the heading
+ * (velocity.c). No other state depends on them. They come first in U, where each adds a
+ * row at the top and leaves the rows of the other states unchanged. The added rows are
+ * called W and are stored in p->w. In vectors (a, h, f, v, gain), however, the extra
+ * states come last. While p->extras is 0, no extra states are in use, and their elements
+ * of these vectors are not read. */
 #ifndef TSE_UD_H
 #define TSE_UD_H
 

@@ -11,10 +11,10 @@
 /* Add the sum of the corrections of this row to the state x, and limit each state to its
  * range.
  *
- * Earlier measurements were linearised at the old stiffness. If a correction changes a
- * stiffness, these measurements therefore have an error. Its sd is OWN_SHARE (0.5) times
- * the correction. k->moved is the sum of sd^2 for each stiffness. predict_slow_states()
- * adds this sum to the variance of the stiffness. */
+ * Measurements before the correction of a stiffness were linearised at its old value. The
+ * sd of the resulting error of the stiffness is OWN_SHARE (0.5) times the correction. Its
+ * variance is added to k->moved, from which predict_slow_states() adds it to the variance
+ * of the stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -70,11 +70,10 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
  * force is computed from the estimated slip. If the latest innovation of accel_x exceeds
  * 3 sd of its noise, the innovation is added to the force.
  *
- * Reason for accel_x: the estimated slip, and with it the force, oscillates with the
- * rotation of the wheels. Without accel_x the car could seem to brake in one half of each
- * rotation, in which the estimated slip is too small, and to drive in the other half.
- * use_free_rolling() updates the slip only while the car does not seem to brake. It would
- * always use the half with too large a slip, and the estimated slip would have a bias. */
+ * Reason for accel_x: the estimated slip oscillates with the rotation of the wheels. From
+ * the slip alone, the car could seem to brake in the half of each rotation in which the
+ * slip is too small. use_free_rolling(), which updates the slip while the car does not
+ * brake, would then use only the other half, and bias the slip. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -91,13 +90,12 @@ static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return 1 if brake switch and wheel torques show that an axle rolls freely. If they are
- * not known, return 1 if the car does not brake. Otherwise return 0.
+/* Return whether an axle rolls freely according to brake switch and wheel torques or, if
+ * these do not decide it (ROLLS_UNKNOWN), whether the car does not brake.
  *
  * If the result is 0, wheel speeds and accel_x are no evidence for a change of the tyres
- * (events.c). Reason: while the car brakes, no axle rolls freely, and no wheel measures
- * the speed of the car. Speed and slip then follow only from the integral of accel_x. An
- * error of this integral looks like a change of the tyres. */
+ * (events.c): no wheel measures the speed of the car, which then follows only from the
+ * integral of accel_x. An error of this integral looks like a change of the tyres. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
@@ -204,10 +202,9 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
  * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
- * (of the rear axle if the driven axle is unknown). Reason: if the car turns with steered
- * wheels, the front axle is faster than the rear axle, and the difference depends on the
- * yaw rate. The measured difference also contains errors of radius and slip, which are
- * not white. If both wheel speeds were used, the filter would take these errors for a yaw
+ * (of the rear axle if the driven axle is unknown). Reason: with steered wheels the front
+ * axle is faster than the rear axle, by a difference that depends on the yaw rate. If
+ * both wheel speeds were used, lasting errors of radius and slip would look like a yaw
  * rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
@@ -219,10 +216,11 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
 }
 
 /* Compute the scalar measurement of a channel: innovation, partial derivatives and noise
- * variance. The innovation is computed with the state after the corrections by the
- * channels that precede this channel in the row.
+ * variance. The innovation is that after the corrections by the channels that precede
+ * this channel in the row.
  *   Given:     sin_d   sine of the road-wheel angle of the front axle
- *              change  sum of these corrections, in units of the state
+ *              change  sum of the corrections by the preceding channels, in units of the
+ *                      state
  *   Returned:  *m */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s,
     tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
@@ -252,14 +250,13 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 }
 
 /* Compute the normalised innovation squared (nis) of a channel. It is 1 on average if
- * settings and model fit. Errors of state and model give the innovation e a slow part d,
- * which is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
- * process with time constant T = MODEL_TIME:
- *   d' = -d/T + white noise of power density 2 V/T, e = d + white noise
+ * settings and model fit. The innovation e is the sum of white noise and a slow error d:
+ *   d' = -d/T + white noise of power density 2 V/T,  T = MODEL_TIME
  * The variance V of d is `state` plus the variance of the model discrepancy
- * (model_sd^2 k->activity; 0 for wheel speeds). The nis is computed from e minus the
- * predicted d.
- *   Given:    state  h' P h, the part of the variance of e that is due to the state
+ * (model_sd^2 k->activity; 0 for wheel speeds). A Kalman filter of one state estimates d.
+ * The nis is computed from e minus the predicted d.
+ *   Given:    state  from use_scalar(): the part of the variance of e that is due to the
+ *                    state and the consider parameters
  *   Updated:  k->nis, k->lasting (d), k->lasting_var (variance of the error of d) */
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
@@ -284,10 +281,8 @@ static void use_channel(
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  /* learn_noise() estimates the noise variance: the running mean of (difference of two
-   * successive innovations)^2/2. `share` is the weight of the newest difference: in the
-   * first USUAL_TIME all samples since the start count alike, later the mean covers about
-   * the last USUAL_TIME. */
+  /* gain of the running mean in learn_noise(): the mean covers the time since the start
+   * + 1 s, at most USUAL_TIME */
   const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME));
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;

@@ -5,8 +5,8 @@
 #include "filter/types.h"
 
 /* Update the filter with the measurements of the row, one after the other.
- *   Given:  u  angle of the front wheels from the previous row to this one, as returned
- *              by predict_row() */
+ *   Given:  u  angle of the front wheels at the previous row and at this row, from
+ *              predict_row() */
 STAGE void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 
 /* Update the gyro bias at standstill. */

@@ -1,18 +1,16 @@
 /* filter/velocity.c - measured velocities: longitudinal and lateral speed of an INS,
  * speed and course of GNSS.
  *
- * A sensor measures the velocity at its own position, and at the time `late` before the
- * row. This velocity is (vx, vy) = v + r x lever. v is the velocity of the centre of
- * gravity, and r is the yaw rate. The channels are:
+ * A sensor is at the position `lever` relative to the centre of gravity, and measures at
+ * the time `late` before the row. Its velocity is (vx, vy) = v + r x lever, v being the
+ * velocity of the centre of gravity and r the yaw rate. The channels are:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
  *                                              heading' = gyro - bias
  * The extra states are: heading, model discrepancy of the lateral speed, scale error,
  * mounting angle of the INS (turn), latency (late), and longitudinal and lateral position
  * of the sensor (lever). They are in use from the first measured velocity on. Before that
- * time they need no computing time and do not change the results at all. No other state
- * depends on the extra states. They therefore come first in the covariance U D U', where
- * they add rows to U and leave the other rows unchanged (ud.h).
+ * time they need no computing time and do not change the results (ud.h).
  *
  * The motion at the time of the measurement is the present motion plus the stored
  * difference `past`, which is the earlier motion minus the present one. The partial
@@ -38,11 +36,9 @@ enum { KEPT_HEADING = 3, KEPT };
 /* Velocity channels, in the order of src/tables/sensors.toml. */
 enum { INS_X, INS_Y, SPEED, COURSE };
 
-/* Return whether a channel measures the longitudinal speed. Its innovation cannot tell an
- * error of the slip from an error of the channel, for example of its latency. The latency
- * is therefore not estimated from such a channel. With a single wheel speed the slip is
- * not estimated either, and an error of the slip would change other states. The channel
- * is then not used. */
+/* Return whether a channel measures the longitudinal speed. Such a channel does not
+ * update the latency (predict_reading()), and is not used with a single wheel speed
+ * (velocity_update()). */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
@@ -124,11 +120,10 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
 }
 
 /* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck process
- * with time constant MODEL_TIME. The lateral speed of the rear axle is its slip angle
- * times the speed of the car, and the model computes this slip angle with a relative
- * error. The sd of the process is therefore proportional to the rms lateral speed of the
- * rear axle in the last MODEL_TIME. In this rms a speed of magnitude below
- * MIN_SIDEWAYS_SPEED (0.2 m/s) counts as MIN_SIDEWAYS_SPEED.
+ * with time constant MODEL_TIME. The sd of the process is proportional to the rms lateral
+ * speed of the rear axle in the last MODEL_TIME, because the model has a relative error
+ * of the rear slip angle. In this rms a speed of magnitude below MIN_SIDEWAYS_SPEED (0.2
+ * m/s) counts as MIN_SIDEWAYS_SPEED.
  *   Given:  left  exp(-dt/MODEL_TIME) */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
@@ -232,10 +227,9 @@ static velocity_reading predict_value(
 }
 
 /* Predict the value of a channel at the time `late` before the row, and compute its
- * innovation. While the speed changes, an error of the slip and a latency have the same
- * effect on a measured longitudinal speed. Longitudinal speeds therefore do not update
- * the latency: its element of h is 0, and its prior variance increases the noise variance
- * instead.
+ * innovation. A longitudinal speed does not update the latency, because a latency has the
+ * same effect on it as an error of the slip: its partial derivative with respect to the
+ * latency is set to 0, and noise due to the prior variance of the latency is added.
  *   Given:     z   measured value
  *              by  partial derivatives of the rates of change of vx, vy and yaw rate with
  *                  respect to state and consider parameters, SI
@@ -318,7 +312,8 @@ static void use_velocity(
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(nis, r_sqr(MAX_NIS)) - m->mean_nis[c]);
   if (m->mean_nis[c] > MAX_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MAX_SINCE);
-    /* the zero direction of the course has probably changed: initialise the heading */
+    /* rejected for long: the direction in which the logged course is 0 has probably
+     * changed. Initialise the heading again */
     if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) {
       m->has_heading = 0;
       m->mean_nis[c] = TSE_R(1);
@@ -358,10 +353,9 @@ void velocity_update(
     if (!(z->given >> c & 1u) || is_repeat) continue;
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    /* With a single wheel speed, the slip is not estimated. A difference between wheel
-     * speed and measured longitudinal speed, which slip or an error of the radius may
-     * cause, would then wrongly change other states. The longitudinal speed is therefore
-     * not used. */
+    /* With a single wheel speed the slip is not estimated. Slip or an error of the wheel
+     * radius would make this channel contradict the wheel speed, and change other
+     * states. */
     if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);

@@ -17,7 +17,7 @@ void velocity_lose(tse_kalman *k);
 void velocity_update(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]);
 
-/* Return the number of a velocity that is rejected, as in fault_channel, or NO_FAULT. */
+/* Return the rejected velocity, numbered as in tse_output.fault_channel, or NO_FAULT. */
 int32_t velocity_fault(const tse_kalman *k);
 
 /* Return the model discrepancy of the lateral speed [m/s]. */

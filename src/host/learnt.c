@@ -6,8 +6,8 @@
 
 #define MAGIC 0x6c657374u                 /* "tsel" as a little-endian word */
 #define FRAME 12                          /* [bytes] size of magic, format, size and CRC, in all formats */
-#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] min sample-to-sample sd of a stiffness, relative to nominal,
-                                           * that is loaded. It is the min of the setting initial_spread */
+#define MIN_SAVED_SPREAD TSE_R(0.01)      /* [1] lower limit of a loaded process sd of a stiffness, relative
+                                           * to nominal: the min of the setting initial_spread */
 #define MAX_SAVED_CORRELATION TSE_R(0.95) /* [1] max saved correlation: the covariance stays invertible */
 #define DAY 86400u                        /* [s] */
 #define PLACES_KEPT 11                    /* number of means in a file: 3 biases, 3 stiffnesses, grip,
@@ -15,8 +15,8 @@
 #define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384                      /* the number 1 in units of 2^-14 */
 #define ONE_24 16777216                   /* the number 1 in units of 2^-24 */
-#define MAX_NU 1000000u                   /* [1] max degrees of freedom nu: the saved sample-to-sample sd of
-                                           * a stiffness has the weight of nu samples */
+#define MAX_NU 1000000u                   /* [1] max saved degrees of freedom nu: about the number of samples
+                                           * from which the process sd of a stiffness was estimated */
 
 /* Content of a file of format 3 (tse/learnt.h), without its frame, in the units of the
  * file. */
@@ -391,11 +391,10 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
  * variance minus gamma Sigma.
  *
  * The road may have changed since the state was saved. Two measures let the particles
- * follow the change. The aged variance of each mean is also added to Sigma. And this
- * Sigma counts only as much as an estimate from initial_dof samples, however many samples
- * were learnt. Both measures were tested with 8 drives that start on a road with 60 % of
- * the learnt stiffness. After 10 .. 20 s the rms errors of the stiffnesses (front
- * longitudinal, front cornering, rear cornering) are 3.3, 4.0, 7.7 % with the measures,
+ * follow the change: the aged variance of each mean is also added to Sigma, and this
+ * Sigma has only the weight of initial_dof samples. In 8 drives that start on a road with
+ * 60 % of the learnt stiffness, after 10 .. 20 s the rms errors of the stiffnesses (front
+ * longitudinal, front cornering, rear cornering) are 3.3, 4.0, 7.7 % with both measures,
  * and 5.2, 5.2, 10.9 % without them. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
@@ -423,7 +422,7 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
     s->bias_var[a] = bias_var;
   }
   if (c->known == 0) return; /* no stiffness has been learnt: keep the prior of the settings, bit for bit */
-  const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* lam = Sigma (nu - 4)/nu */
+  const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* lam = Lambda/nu, Sigma = Lambda/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;
     const tse_real r = r_clamp(r_from_q24(c->correlation[a]), -MAX_SAVED_CORRELATION, MAX_SAVED_CORRELATION);

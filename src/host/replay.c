@@ -6,8 +6,8 @@
 #include "tse/replay.h"
 
 #define BIT_GIVEN 63           /* bit of the effects mask that belongs to no effect. It is set if the log has
-                                * columns of disturbances (slip_front .. yaw_accel), because they need the
-                                * model with effects */
+                                * disturbances (columns slip_front .. yaw_accel), which only the model
+                                * with effects can use */
 
 #define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)
