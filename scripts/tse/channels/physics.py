@@ -140,10 +140,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
     # Noise of the curvature biases the slope of the regression of angle on curvature
-    # towards 0. Noise of the angle biases the slope of the inverse regression away from 0;
-    # it is slope / share (share: explained share of the variance). Return the geometric
-    # mean of both slopes, as in fit(). The sd includes that of a uniform distribution of
-    # ln(slope) between both.
+    # towards 0. Noise of the angle biases the slope of the inverse regression away from
+    # 0. That slope is slope / share (share: explained share of the variance). Return the
+    # geometric mean of both slopes, as in fit(). The sd includes that of a uniform
+    # distribution of ln(slope) between both.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
