@@ -49,9 +49,9 @@ LISTEN_TIME = 1.0
 # [s] If a needed channel is missing after LISTEN_TIME, the rows begin when this channel
 # has arrived. If it does not arrive, they begin without it after this time.
 MAX_LISTEN_TIME = 3.0
-# A row is returned when each channel has an entry after the row. For a channel that has
-# none yet, the row waits until this much time after the row: WAIT_STEPS median intervals
-# between entries of the channel + WAIT_TIME [s] + latency of the channel.
+# A row is returned when each channel has an entry after it. But it waits for a channel at
+# most for WAIT_STEPS median intervals between the channel's entries + WAIT_TIME [s] +
+# latency of the channel.
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
 # A channel is silent if no entry has arrived for SILENT_STEPS median intervals between
 # its entries and for MIN_SILENCE [s]. Rows do not wait for a silent channel.
@@ -68,7 +68,7 @@ LOW_PASS_RATIO = 1.2
 # pass needs entries after the row
 LOW_PASS_ROWS = 2.0
 MAX_STEP_BACK = 0.5  # [s] a larger backward step of time stamps means that the clock was set
-# max number of rows that one call of make_rows() returns; earlier new rows are dropped
+# max number of rows that one call of make_rows() returns: the newest; older ones are lost
 MAX_NEW_ROWS = 1000
 
 
@@ -82,7 +82,7 @@ class _Signal:
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Delete the older half of the entries if the other half has more than MIN_KEPT
+        """Delete the older half of the entries if the newer half has more than MIN_KEPT
         entries and is longer than KEPT_TIME."""
         count = len(self.time)
         if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
@@ -149,10 +149,9 @@ class Stream:
         self._first = math.nan  # [s] time of the first frame with a needed signal
         self._sent = 0  # number of rows returned
         self._start = math.nan  # [s] time of the first row
-        # axle -> two sums over all rows: of (right - left wheel speed) x yaw rate, and of
-        # the square of the yaw rate. The first sum divided by the second is the
-        # least-squares estimate of (right - left wheel speed) / yaw rate. With it,
-        # _average_axle() computes a missing wheel speed from the other one of the axle.
+        # axle -> [sum of (right - left wheel speed) x yaw rate, sum of (yaw rate)^2] over
+        # all rows. Their quotient is the least-squares estimate of (right - left) / yaw
+        # rate, with which _average_axle() replaces a missing wheel speed.
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
@@ -294,7 +293,8 @@ class Stream:
         recording = Recording(Path("the bus"), "bus", channels)
         now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         found = map_signals(recording, SignalsFile(self._all.path, now), self._car, notes := [], max_lost=1.0)
-        # Channels arrive one after the other: each call may be the first for a channel.
+        # map_signals() repeats its notes in each call. Add only new ones on unknown
+        # units.
         new = {n for n in notes if "(neither in the log nor in signals.toml)" in n} - self._noted
         self.notes += sorted(new)
         self._noted |= new
@@ -382,10 +382,10 @@ class Stream:
         """Return times and values of the entries that are new measurements.
 
         raster.select_entries() leaves out repetitions of the last measurement (held
-        values), and averages entries sent in a burst. It is slow, and therefore called
-        only in three cases: `anew` is True; its last call for this channel left out
-        entries; or two entries are so close together that they may belong to a burst.
-        Otherwise, only missing values are left out."""
+        values) and averages entries sent in a burst. It is slow, so it is called only if
+        `anew` is True, or if held values or bursts are likely: the last call with `anew`
+        found some, or two entries are as close as in a burst. Otherwise, only missing
+        values are left out."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -399,12 +399,11 @@ class Stream:
     def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
-        """Resample channels whose entries have the same times.
+        """Resample channels whose entries have the same times, by cubic splines.
 
-        The channels are interpolated by cubic splines, as resample() does for one
-        channel. One call for all channels is faster. If the entries have a gap,
-        resample() is called for each channel. `own`: as in _Heard. `time`: [s] of the
-        rows. `rate`: [Hz] of the rows."""
+        One call for all channels is faster than resample() for each. resample() is called
+        only if there is a gap between entries. `own`: as in _Heard. `time`: [s] times of
+        the rows. `rate`: [Hz] rate of the rows."""
         t = own[names[0]][0][-SPLINE_ENTRIES:]
         if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}

@@ -23,11 +23,10 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-# The lateral velocity v_y fulfils dv_y/dt = a_y - v r (v: speed, r: yaw rate), all
-# positive to the left. So in a regression of accel_y - v r on the derivative of a signal
-# of v_y, the coefficient is positive if the signal is positive to the left, and negative
-# if it is positive to the right. The sign is certain if |coefficient| / (sd of the
-# coefficient) is at least this.
+# The lateral velocity v_y, positive to the left, fulfils dv_y/dt = a_y - v r (v: speed,
+# r: yaw rate). So if accel_y - v r is regressed on the derivative of a signal of v_y, the
+# coefficient is positive if the signal is positive to the left, otherwise negative. The
+# sign is certain if |coefficient| / (sd of the coefficient) is at least this.
 MIN_SIGN_SDS = 6.0
 # [1] A signal is not taken for a lateral velocity if |signal| / speed exceeds this in
 # more than 2 % of the rows.
@@ -127,11 +126,10 @@ def _find_sign(
 ) -> float:
     """Return coefficient / sd of a regression of accel_y - v r on the derivative of x.
 
-    `x`: [m/s] lateral velocity. If it is positive to the left, its derivative is
-    accel_y - v r, and the coefficient is positive. If it is positive to the right, the
-    coefficient is negative. Return 0 if the regression is not possible. Body roll adds a
-    component of gravity to the measured accel_y. This component is about proportional to
-    accel_y, so accel_y is a second regressor."""
+    `x`: [m/s] lateral velocity. The result is positive if x is positive to the left,
+    negative if x is positive to the right, and 0 if the regression is not possible. A
+    second regressor is accel_y: body roll adds gravity to the measured accel_y, about in
+    proportion to accel_y."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0

@@ -129,9 +129,9 @@ NOT_ROLE_WORDS = {
     "heading": r"rate|target|std|acc\w*|rms",
 }
 # Words for quantities other than the motion of the car. A signal with such a word gets a
-# role only if its name also describes the role (score 1 or more), even if the signal
-# correlates with the motion by chance. The same holds for SPEED_WORDS and all roles
-# except "speed".
+# role only if its name also describes the role (score 1 or more). A correlation with the
+# motion does not suffice, since it may be by chance. SPEED_WORDS are used in the same way
+# for all roles except "speed".
 OTHER_WORDS = re.compile(
     r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|"
     r"temp\w*|press\w*|druck|laps?|runde|fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|"

@@ -115,13 +115,13 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Return a dict of four signals that may be wheel speeds: place -> name. Return {} if
-    the log has no such signals.
+    """Return four signals that may be wheel speeds, as place -> name; {}: no such
+    signals.
 
-    The names of the four signals do not state that they are wheel speeds. But the signals
-    have the same unit, and their values differ by a few percent only. The places are
-    provisional: the first signal in the file gets the first place of WHEEL_PLACES, and so
-    on. find_sides() then finds the left and the right wheels by means of the yaw rate."""
+    The names do not show that the signals are wheel speeds. But the signals have the same
+    unit, and their values differ by a few percent only. The places (WHEEL_PLACES) follow
+    the order in the file. find_sides() later finds the left and right wheels by the yaw
+    rate."""
     rolling = [
         n
         for n in look.x
@@ -232,12 +232,11 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # ---- Find yaw rate, accelerations and steering angle by name, unit and kinematics.
 
-# A role is a quantity that a signal may measure. The kinematics relate each role to other
-# channels, e.g. accel_x to dv/dt. If a signal has a high correlation with these channels,
-# its score for the role increases. If the correlation is low, the score decreases. This
-# table contains the correlation [1] at which the score does not change. It is 0.75 for
-# roles that are not listed. It is lower for accel_x, since dv/dt is noisy, and since the
-# grade of the road adds to accel_x.
+# A role is a quantity that a signal may measure. Kinematics predict it from other
+# channels, e.g. accel_x from dv/dt. If the correlation [1] of signal and prediction is
+# above this value, the score of the signal for the role increases, below it decreases. It
+# is 0.75 for roles that are not listed, and lower for accel_x, since dv/dt is noisy and
+# the grade of the road adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max magnitude of the score by physics, see _score_by_physics()
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
@@ -257,9 +256,9 @@ def find_roles(
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role -> name of its signal, as found by an earlier call; empty in the first call.
-        _score_by_physics() correlates each signal with these signals, in the first call
-        with the signals that have the best names.
+        Role -> name of its signal, as found by an earlier call: the signals with which
+        _score_by_physics() correlates other signals. Empty in the first call, which uses
+        the signals with the best names.
 
     Returns
     -------
@@ -385,13 +384,12 @@ def _find_pair(
     said: Mapping[str, Mapping[str, float]],
     ref: Mapping[str, str],
 ) -> dict[str, str]:
-    """Return the two signals that best fit a_y = v r, as yaw_rate and accel_y. Return {}
-    if the correlation of all pairs is below MIN_PROOF_CORR.
+    """Return the two signals, as yaw_rate and accel_y, that best fit a_y = v r. Return {}
+    if no pair has a correlation, with the corrections below, above MIN_PROOF_CORR.
 
-    This function is used if no name describes yaw_rate, or if no name describes accel_y.
-    If `ref` has a signal for yaw_rate, only accel_y is searched for, and vice versa.
-    `taken`: names of wheel speeds and quaternions, which are not tried. `said`: role ->
-    name of a signal -> score by name and unit."""
+    If `ref` has one of the two signals, only the other is searched for. `taken`: names of
+    wheel speeds and quaternions, which are not tried. `said`: role -> name of a signal ->
+    score by name and unit."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]

@@ -81,18 +81,17 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
 def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
     """Return one stiffness for a stretch of road, and half of its 95 % interval.
 
-    The stiffness is the value of the smoother. There are two exceptions, in which it is
-    Verdict.value, the value of the filter (normally at the end of the stretch):
-      - there is no smoothed value, e.g. with a particle filter
-      - the smoothed value is not valid, but the value of the filter is usable
-        (Verdict.level is not "none")"""
+    The smoothed value is returned if it is valid. Otherwise, the filter's Verdict.value
+    (normally at the end of the stretch) is returned if its level is "partly" or "good".
+    If its level is "none", the smoothed value is returned all the same. A particle filter
+    has no smoothed value, so Verdict.value is returned."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
 def describe_rest(v: Verdict) -> str:
-    """Return the text of a verdict for the report, where it is written next to the value
-    of compute_held_stiffness(). The text therefore does not repeat this value."""
+    """Return the text after the value of compute_held_stiffness() in the report. If this
+    is the smoothed value, the text gives the filter's value at the end of the stretch."""
     if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"

@@ -44,8 +44,8 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-# [bytes] A learnt state is shorter than this. Of a longer file, which cannot be a learnt
-# state, only this much is read, and the library rejects it.
+# [bytes] max length that is read of a file. A learnt state is shorter, and the library
+# rejects a file of this length.
 MAX_LEARNT = 1 << 16
 
 
@@ -95,10 +95,9 @@ def write_learnt(path: Path, data: bytes) -> None:
 
 # ---- Rows as CSV
 #
-# For speed, numbers are converted to text by orjson. A block of rows is written by Arrow
-# if it has a cell that orjson writes differently (a number of 1e10 or more, SAME_TEXT) or
-# a string that needs quotes. For the ten million cells of a long log, pandas takes 8 s,
-# Arrow 1 s and orjson 0.25 s.
+# For speed, orjson converts numbers to text. Arrow writes a block of rows if orjson would
+# write one of its numbers differently (SAME_TEXT), or if a string needs quotes. The ten
+# million cells of a long log take 8 s with pandas, 1 s with Arrow, 0.25 s with orjson.
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
@@ -544,9 +543,8 @@ SUMMARY: dict[str, type | None] = {
 class Summary:
     """Collects the columns of SUMMARY block by block.
 
-    `head` is the table without rows, and `rows` the number of rows of the log. If the log
-    has more than MAX_SUMMARY rows, only every n-th row is kept. n is the smallest number
-    for which at most MAX_SUMMARY rows are kept."""
+    `head`: table without rows. `rows`: number of rows of the log. If there are more than
+    MAX_SUMMARY, every n-th row is kept, with the smallest n that suffices."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}

@@ -65,16 +65,14 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 class Change:
     """A change of the stiffness, of road or tyres, that the filter has detected.
 
-    `time` [s] is the time at which the change began. The filter detects it later. The
-    estimates describe the new stiffness only from the time `believed` [s] on. If
-    `believed` is None, they do so from `time` on. `ratio` has a pair for each stiffness
-    that the change affects: value after / value before, and the sd of this ratio. The sd
-    is NaN if it is unknown.
+    `time`: [s] begin of the change. The filter detects it later. `believed`: [s] time
+    from which the estimates describe the new stiffness; None: from `time`. `ratio`: for
+    each affected stiffness, value after / value before, and the sd of this ratio (NaN:
+    unknown).
 
-    `probability` is the probability that since this change no further change, sliding or
-    sensor fault has begun. It is low for a false detection, because the filter undoes a
-    false change by a further change. It is not the probability that the change is real,
-    which the filter does not estimate."""
+    `probability`: probability that no further change, sliding or sensor fault has begun
+    since. It is low for a false change, because the filter undoes it by a further change.
+    The filter does not estimate the probability that the change is real."""
 
     time: float
     kind: int
@@ -125,10 +123,9 @@ class Stretch:
     """The part of a drive from one change of the stiffness to the next, from `start` [s]
     to `end` [s].
 
-    `rows` are the rows whose estimates describe this stretch. They begin at the time
-    Change.believed of the change at `start`, or in the first stretch at row 0, and end at
-    `end`. In a stretch joined from several short ones, `rows` are the rows of the longest
-    one."""
+    `rows`: rows whose estimates describe this stretch. They begin at row 0 in the first
+    stretch, otherwise at the time `believed` of the change at `start`. They end at `end`.
+    If short stretches are joined to one, it has the `rows` of the longest of them."""
 
     start: float
     end: float
@@ -155,20 +152,16 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
 def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Each row reports the last change that the filter has detected. The time of this change
-    is the time of the row minus the age of the change (column change_age). If two rows
-    report times that differ by at most MAX_JOINED_GAP, they report the same change. Kind
-    and ratios are taken from the last row that reports the change.
+    Each row reports the last detected change. Its time is the time of the row minus the
+    column change_age. Rows report the same change if the times that they report differ by
+    at most MAX_JOINED_GAP. The last of these rows gives kind and ratios.
 
-    A change is left out if Change.probability is below MIN_EVENT_PROBABILITY, or if all
-    its ratios differ from 1 by at most MIN_CHANGE. A change without ratios is kept
-    ("started over"). Change.probability is the larger of two values of the column
-    change_probability: its median over the rows that report the change, and its value in
-    the last of these rows.
+    Change.probability is the larger of two values of the column change_probability: its
+    median over these rows, and its value in the last of them. A change is left out if its
+    probability is below MIN_EVENT_PROBABILITY, or if all its ratios differ from 1 by at
+    most MIN_CHANGE. A change without ratios ("started over") is kept.
 
-    The filter detects a change some time after the change began. Before the detection,
-    the estimates drift towards the new stiffness. From this drift, _find_begin()
-    estimates when the change began."""
+    The filter detects a change late. Change.time is when it began (_find_begin())."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = estimate_times(table), table["change_kind"].to_numpy()
@@ -222,22 +215,20 @@ def _make_change(
 def _find_begin(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Return the row after which a change began. The filter detected this change only
-    after row `before`. The result lies between `first` and `before`.
+    """Return the row after which a change began, `first` .. `before`. The filter detected
+    the change only after row `before`.
 
-    Until the filter detects the change, it attributes the new samples to the old
-    stiffness. So the estimated stiffness drifts towards its new value, the estimate in
-    row `last`. For each row i, the drift is the part of the way to the new value that the
-    estimate covers from row i to row `before`: a share of at most 1, averaged over the
-    stiffnesses that the change affects. The result is the row i with the largest value of
+    Before the detection, the filter attributes the new samples to the old stiffness. So
+    the estimate drifts towards its new value, the estimate in row `last`. The drift of
+    row i is the share (0 .. 1) of the way from row i to the new value that the estimate
+    has covered in row `before`. It is averaged over the affected stiffnesses. The result
+    is the row i with the largest value of
         drift - CREEP * (time of `before` - time of i).
-    The second term excludes a slow drift before the change: an earlier row is chosen only
-    if it adds a drift of more than CREEP per second.
+    So an earlier row is chosen only if it adds a drift of more than CREEP per second.
 
-    The estimate also moves while the filter still learns the old stiffness. If its
-    variance P decreases from row i to row `before`, this movement has the variance
-    P_i - P_before. So only the part of the movement beyond 1.96 sqrt(P_i - P_before)
-    counts as drift.
+    The estimate also moves while the filter still learns the old stiffness. From row i to
+    row `before`, this movement has the variance P_i - P_before (P: variance of the
+    estimate). So only the movement beyond 1.96 sqrt(P_i - P_before) counts as drift.
 
     `columns`: columns of EST.csv. `time`: [s] time of each row. `kind`: change_kind."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]

@@ -15,10 +15,10 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# The variance of an estimate is the sum of a part that is common to all rows, and of a
-# part that later rows can reduce. The reducible part is computed as the variance in the
-# row minus the common part at the end of the log (compute_fixed_parts()). This difference
-# may be negative in a row, so the reducible part is at least MIN_FREE times the variance.
+# A part of the variance of a stiffness is common to all rows, e.g. from an uncertain
+# mass. Later rows reduce only the rest: the variance in the row minus the common part.
+# This part is computed at the end of the log (compute_fixed_parts()), and may exceed the
+# variance in a row. So the rest is taken as at least MIN_FREE times the variance.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]

@@ -52,8 +52,7 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# If a stiffness is not valid for one of these reasons in the last row of a whole log,
-# Verdict.level is not "good", but "partly" or "none"
+# Reasons that exclude the Verdict.level "good" if the last row of the whole log has one
 AT_FAULT = ("sensor fault", "implausible")
 # If a stiffness is not valid for one of these reasons, the text of the verdict states its
 # sd, and the limit that the sd exceeds
@@ -81,16 +80,15 @@ MIN_IMPLAUSIBLE = 0.5
 # [s] A stiffness counts as valid at the end of the log if its last valid row is at most
 # this time before the end
 RECENT = 1.0
-# A message names the uncertain parameters of the car as the main cause of the width of
-# the interval of a stiffness, if they cause more than UNCERTAIN_SHARE of the variance of
-# the stiffness, and an sd above MIN_UNCERTAIN times the stiffness
+# A message says that the interval of a stiffness is wide because of uncertain parameters
+# of the car. Condition: they cause more than UNCERTAIN_SHARE of the variance of the
+# stiffness, and an sd of more than MIN_UNCERTAIN times the stiffness
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
-# Max plausible difference between lag_steer and its prior mean, in units of its prior sd
-# (steer_lag_sd). lag_steer is the estimated lag of the steering that remains after the
-# log is corrected by the latencies of the vehicle file. A larger difference means that
-# the log comes from another logger or uses another signal than the one for which the
-# latencies were determined.
+# Max plausible |lag_steer - prior mean| / prior sd (steer_lag_sd). lag_steer is the
+# estimated time from the logged steering angle to its effect in the IMU, after correction
+# by the latencies of the vehicle file. Beyond the max, these latencies are not those of
+# the log: its logger or signal is a different one.
 UNLIKELY = 3.0
 # A stiffness counts as valid on a log or stretch if at least this share of its rows is
 # valid
@@ -113,9 +111,9 @@ class Verdict:
     # filters and for too few valid rows (_make_verdict())
     value: float
     band: float  # half of the 95 % interval
-    # sd of the process noise of the stiffness in one sample / `value`. Only particle
-    # filters estimate it. NaN with the default filter, and if the sd is estimated in less
-    # than half of the valid rows
+    # sd of the process noise of the stiffness in one sample / `value`, estimated only by
+    # particle filters. NaN if less than half of the valid rows have an estimate, or if
+    # the share of valid rows is below MIN_VALID
     spread: float
     nominal: float  # value in the vehicle file
     valid: float  # share of the rows that are valid
@@ -240,18 +238,17 @@ def make_findings(
     contradictions: Sequence[str] = (),
     uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
-    """Return a finding for each stretch of road between changes. If nothing changed,
-    return one finding for the whole log.
+    """Return a finding for each stretch of road between changes; one for the whole log if
+    nothing changed.
 
-    Stretches are judged separately, because a mean over two roads describes neither of
-    them. The value of the default filter at the end of a stretch is the most accurate one
-    of the stretch, because it uses all rows of the stretch. This value is reported with
-    its interval even if no row is valid, next to the smoothed value of the stretch.
+    Stretches are judged separately, because a mean over two roads describes neither. The
+    default filter's value at the end of a stretch uses all rows of the stretch. So it is
+    reported even if no row is valid, next to the smoothed value.
 
-    `uncertainty_sd` is the result of Filter.uncertainty_sd() after the last row.
-    `contradictions` are warnings that the channels of the log contradict each other or
-    the vehicle file. If there is at least one, no stiffness of the log is valid, because
-    the filter cannot distinguish a permanently wrong channel from a different car."""
+    `uncertainty_sd`: result of Filter.uncertainty_sd() after the last row.
+    `contradictions`: warnings that channels contradict each other or the vehicle file. If
+    there is one, no stiffness is valid: to the filter, a channel that is wrong all the
+    time looks like a different car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -267,19 +264,18 @@ def make_findings(
 
 
 def describe_implausible(table: pd.DataFrame) -> str:
-    """Return a sentence if the filter finds that the channels contradict each other in
-    the log as a whole; otherwise an empty string.
+    """Return a sentence if the channels contradict each other in the log as a whole, ""
+    if they do not.
 
-    The filter checks each driven row, i.e. each row without a reason of STILL, but only
-    after some bends, accelerations and decelerations (src/filter/plausible.c). The log as
-    a whole is contradictory if more than the share MIN_IMPLAUSIBLE of the driven rows is
-    implausible, and if the last driven row is implausible, too, because a wrong unit,
-    sign or axle persists to the end.
+    They do if more than the share MIN_IMPLAUSIBLE of the driven rows (rows without a
+    reason of STILL) is implausible, and the last driven row is implausible, too: a wrong
+    unit, sign or axle persists to the end. The filter needs some bends, accelerations and
+    decelerations before it marks rows as implausible (src/filter/plausible.c).
 
-    There is an exception: a channel that fails during the drive. A failure is assumed if
-    the first implausible row comes after the driving time AGREED, if the channel is not a
-    wheel speed, and if the error is not a constant factor. Then only the implausible rows
-    are not valid, and the function returns an empty string."""
+    Exception: a channel failed during the drive. This is assumed if the first implausible
+    row comes after the driving time AGREED, the channel is not a wheel speed, and the
+    error is not a constant factor. Then only the implausible rows are not valid, and ""
+    is returned."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
@@ -389,10 +385,10 @@ def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
     """Return a list with one sentence if lag_steer differs from its prior mean by more
     than UNLIKELY prior sds. Otherwise return an empty list.
 
-    lag_steer is the estimated lag of the steering that remains after the log is corrected
-    by the latencies of the vehicle file. Its prior mean is the sum of steering delay and
-    IMU delay in the vehicle file. If the angle is logged later than the file says, the
-    motion follows the logged angle sooner, so lag_steer is below its prior mean."""
+    lag_steer is the estimated time from the logged steering angle to its effect in the
+    IMU, after correction by the latencies of the vehicle file. Its prior mean is the sum
+    of steering delay and IMU delay in the vehicle file. If the angle is logged later than
+    the file states, this time is shorter, so lag_steer is below its prior mean."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []

@@ -131,11 +131,9 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
     """Return, for each channel, the sum of squared residuals minus the sum expected from
     sensor noise; 0 if the difference is negative.
 
-    The difference is the gap: the error that the model leaves. Residuals are divided by
-    the noise sd of their channel. If this sd was below a lower limit, it was raised to
-    the limit, so the expected square of a residual is less than 1. The expected sum is
-    therefore computed from the original noise sd. With 1 for each residual, the expected
-    sum would be too large, and the gap too small.
+    The difference is the gap: the error that the model leaves. The expected square of a
+    residual is 1, because residuals are divided by the noise sd of their channel. It is
+    less than 1 if this sd was raised to a lower limit (Problem.noise_energy).
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))

@@ -2,10 +2,9 @@
 fitting the effect.
 
 Near a fitted model, an effect of size s changes the whitened residuals by s times their
-partial derivatives. The part of this change that the stiffness and the effects in the
-fit can compensate is removed. The effect is visible if the rest of the change, relative
-to the present size of the residuals, gives a log likelihood ratio of at least
-compute_threshold().
+partial derivatives. Stiffness and the effects in the fit can compensate a part of this
+change. The effect is visible if the rest gives a log likelihood ratio of at least
+compute_threshold(), with the variance of the present residuals.
 """
 
 from __future__ import annotations
