@@ -155,7 +155,7 @@ class Stream:
         self._turns: dict[str, list[float]] = {}
         # velocity channel -> [s] time of its last entry that was put into a row
         self._given_until: dict[str, float] = {}
-        # channel -> (rate [Hz], True if it has no held values), found in the last check
+        # channel -> (rate [Hz], True: no held values or bursts) in the last check
         self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf  # [s] time at which `_usual` was last determined
         self._noted: set[str] = set()  # notes on unknown units that `notes` already has
