@@ -163,8 +163,8 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        # Multiply mean and covariance [N] of the rear longitudinal stiffness by
-        # compute_rear_factor(), which the written value contains and the fit does not
+        # The written rear longitudinal stiffness [N] is the fitted value times
+        # compute_rear_factor(). Its mean and sd here are multiplied by the same factor.
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)

@@ -37,9 +37,8 @@ from tse.log.rows import CheckedLog, select_liveliest
 # which the car turns most are used.
 MAX_OWN_SECONDS = 600.0
 MIN_OWN_SECONDS = 60.0  # [s] min total length of the logs
-# [s] The logs, and the part of them that is compared with a simulation, may be shorter
-# than MIN_OWN_SECONDS by this time. Otherwise a log of just MIN_OWN_SECONDS would be too
-# short: n rows last only n - 1 steps, and BURN_IN (1 s) at its start is not compared.
+# [s] Tolerance of MIN_OWN_SECONDS, so that a log with 60 s of rows is accepted: n rows
+# last n - 1 steps, and the first second (BURN_IN) is not compared with the simulation.
 END_SECONDS = 2.0
 MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
 MIN_TURNING_ACCEL = 1.0  # [m/s2] min lateral acceleration of a turn
@@ -169,8 +168,8 @@ def _make_cache_path(name: str) -> Path | None:
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
     """Return the part of a log, `seconds` long, in which the car turns most."""
-    # A sample time above 0.01 s counts as 0.01 s here, because select_liveliest() itself
-    # then multiplies the number of rows by 0.01 s / sample time
+    # If the sample time is above 0.01 s, select_liveliest() expects the number of rows
+    # that the part would have with a sample time of 0.01 s
     sample_time = min(log.sample_time or 0.01, 0.01)
     return select_liveliest(log, max(1, round(seconds / sample_time)))
 

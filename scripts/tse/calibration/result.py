@@ -145,10 +145,9 @@ def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: 
     """Return a line for the user: the number `value` and its 95 % interval. If `shown` is
     False, the line says instead that the logs do not show the number.
 
-    The line also says whether the difference from `before`, the value in the vehicle file
-    (for a latency: from 0), is negligible, i.e. less than SIGNIFICANT_SD * `sd` or than
-    u.worth * `by`. `by`: value of the setting in the vehicle file if u.worth is relative
-    to this value, otherwise 1.
+    `before`: value in the vehicle file. The line also says if |`value` - `before`| (of a
+    latency: |`value`|) is negligible, i.e. below the larger of SIGNIFICANT_SD x `sd` and
+    u.worth x `by`. `by`: value in the vehicle file if u.worth is relative, otherwise 1.
     """
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
@@ -312,8 +311,8 @@ def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
 
 
 def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
-    """Return the rms values of a channel over several logs, as if the logs were equally
-    long."""
+    """Return the rms of each sd of a channel over the logs. All logs have the same
+    weight."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
     names = (f.name for f in fields(ProofChannel))
     return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))

@@ -40,8 +40,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of the gyro bias. If the residuals give a
 # larger value, model errors in turns cause it, not the gyro.
 MAX_GYRO_WALK = 0.001
-# Min number of differences between neighbouring distinct values of a channel. With fewer
-# differences, the channel is treated as not quantised.
+# Min number of differences between successive values of the sorted distinct values of a
+# channel. With fewer differences, the channel is treated as not quantised.
 MIN_STEPS = 10
 
 
@@ -313,9 +313,9 @@ def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, f
 def find_quantisation(x: np.ndarray) -> float:
     """Return the step by which a channel is quantised; 0 if it is not quantised.
 
-    Compute the differences between neighbouring distinct values. The step is the median
-    of those that are below 1.5 times the smallest difference. The channel is quantised if
-    there are at least MIN_STEPS differences, and 99 % of the differences are integer
+    Sort the distinct values and compute the differences between successive ones. The step
+    is the median of the differences below 1.5 times the smallest difference. The channel
+    is quantised if there are at least MIN_STEPS differences, and 99 % of them are integer
     multiples of the step, with errors below 0.1 steps.
     """
     apart = np.diff(np.unique(x[np.isfinite(x)]))

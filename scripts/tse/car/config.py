@@ -33,8 +33,7 @@ ONE_SPEED = (
 FILTERS = ("default", "paper")
 # tables of src/tables whose settings belong to a filter, not to the car
 TUNING = ("filter", "sensors")
-# Name of a filter -> phrase for messages: the values of the option `form` that select
-# this filter
+# name of a filter -> text for messages on how to select this filter by the option `form`
 FORM_PHRASES = {"default": "form default", "paper": "form robust or paper"}
 
 

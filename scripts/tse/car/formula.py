@@ -510,8 +510,8 @@ class _Compiler:
         values on the stack, operations with memory.
 
         `takes`: number of operands of the step; 0 for a signal, number or literal. The
-        limits are checked after each step, since a few nested powers would be compiled to
-        a huge program if the limits were checked only at the end."""
+        check after each step stops the compilation early: powers become products, so a
+        few nested powers would give a huge program."""
         self.steps.append(step)
         self.depth += 1 - takes
         memories = [
@@ -820,8 +820,8 @@ def _read_number(name: str, table: Any) -> Number:
 def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
     """Return a value of Formula.found with NumPy types converted to plain Python types.
 
-    `what`: key of the value, for the message. `level`: number of lists around the value,
-    at most 4."""
+    `what`: key of the value, for the message. `level`: number of lists around the value.
+    Lists may nest at most 4 deep."""
     if isinstance(value, (np.generic, np.ndarray)):
         value = value.tolist()
     if isinstance(value, (list, tuple)) and level < 4:

@@ -145,17 +145,17 @@ def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]
 def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
     """Return the settings of the car for the default filter.
 
-    There are three cases. If all keys of [uncertainty] are 0, the car is taken as exactly
-    known: settings that the vehicle file leaves out are those of Config.exact(). If the
-    car is not calibrated, they are those of an ordinary car with the same mass, lf and lr
-    (src/tables/uncalibrated.toml), as in C and the FMU. If the car is calibrated, the
-    posterior of the calibration is the prior of the filter.
+    Settings that the vehicle file leaves out have these values:
+    - If all keys of [uncertainty] are 0, i.e. the car is known exactly: Config.exact().
+    - If it is not calibrated: those of an ordinary car with the same mass, lf and lr
+      (src/tables/uncalibrated.toml), as in C and the FMU.
+    - If it is calibrated: Config.exact(), but cg_height, grade_sd and the sensor settings
+      are those of an ordinary car.
 
-    Settings of the vehicle file take precedence over all these values. There are two
-    exceptions, both for a calibrated car. The initial sds of the stiffnesses, the tyre
-    curve, grip_sd and model_sd follow from the calibration, within the limits
-    MIN_GRIP_SD, MIN_INVERSE_FRICTION and CALIBRATED_MODEL_SD. FOUND_SENSORS have the
-    values of an ordinary car.
+    For a calibrated car, some settings replace those of the file. The initial sds of the
+    stiffnesses, the tyre curve, grip_sd and model_sd follow from the calibration, within
+    the limits MIN_GRIP_SD, MIN_INVERSE_FRICTION and CALIBRATED_MODEL_SD. FOUND_SENSORS
+    have the values of an ordinary car.
     """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -271,8 +271,8 @@ def make_default_vehicle() -> Vehicle:
 def read_vehicle(path: Path) -> Vehicle:
     """Read and check a vehicle file. Fill in missing yaw inertia, stiffnesses and sds.
 
-    An unknown table only causes a note, since it may be meant for a different program. It
-    is an error if its name resembles a name in VEHICLE_TABLES (MIN_TABLE_LIKENESS).
+    An unknown table only causes a note, since it may be meant for a different program. A
+    table whose name resembles one in VEHICLE_TABLES (MIN_TABLE_LIKENESS) is an error.
 
     Raises
     ------

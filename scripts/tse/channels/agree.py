@@ -50,23 +50,20 @@ LOST_FIGURE_PRICE = 30.0
 # limit. steer_angle: only if the curvature of the path (yaw rate / speed), with a term
 # for understeer, explains more than this share of the variance of the steering angle.
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
-# [1] If the correlation of a ratio exceeds MIN_FIT with at least one assumed unit of the
-# wheel speeds, a lower limit applies to this ratio with all other units: MIN_FIT -
-# FIT_SLACK. With only one limit, the ratio could be used with one unit and not with
-# another, and the costs of the two units would be sums over different ratios. This has
-# caused a false report in a real log with wheel speeds in rad/s. With rad/s, the
-# correlation of accel_y was 0.898, so its ratio was not used. With km/h, the speed of the
-# car was 0.85 times as high and the correlation 0.913. The ratio was thus used, and km/h
-# was reported.
+# [1] If the correlation of a ratio exceeds MIN_FIT with one assumed unit of the wheel
+# speeds, MIN_FIT - FIT_SLACK suffices with the other units. Otherwise, the costs of two
+# units could be sums over different ratios. Example, a real log in rad/s: the correlation
+# of accel_y was 0.898 with rad/s (ratio not used) and 0.913 with km/h (used), so km/h was
+# reported by mistake.
 FIT_SLACK = 0.05
-# [1] Cost of correcting one channel by a fitted factor. Fitting makes the ratios nearer
-# to 1 even by chance, so a fitted factor costs more than a listed mistake with a fixed
-# factor: CAUSE_PRICE plus 6. The 6 is about 2 ln(ln 400 / (0.1 sqrt(2 pi))): ln factor is
-# assumed in -ln 20 .. ln 20, i.e. a range of ln 400, and is estimated with the sd 0.1. A
-# wrong unit is reported only if its total cost is below that of the best fitted factor.
+# [1] Cost of correcting one channel by a fitted factor. A wrong unit is reported only if
+# its total cost is below that of the best fitted factor. A fitted factor brings the
+# ratios nearer to 1 even by chance, so it costs 6 more than a wrong unit (CAUSE_PRICE).
+# The 6 is about 2 ln(range / (sd sqrt(2 pi))), the Occam factor of ln factor: uniform
+# prior in -ln 20 .. ln 20 (range: ln 400), estimated with the sd 0.1.
 FREE_FACTOR_PRICE = 12.0
-# [1] A wrong unit or sign explains a wrong ratio (FIGURES) if |ln ratio| is below
-# EXPLAINED + 0.05 after the unit or sign is corrected.
+# [1] If a ratio that the correction of a unit or sign changes still has |ln ratio| >=
+# EXPLAINED + 0.05, the warning contains PERHAPS.
 EXPLAINED = 0.10
 # [1] If |ln ratio| of any ratio exceeds this plus 2 sd of ln ratio, there is a warning
 # even if no wrong unit or sign explains the ratio.
@@ -133,9 +130,8 @@ MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
 CHANGE_TIME = 0.5
 DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
 COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes; a coasting car loses less
-# [1] There is a warning if the ratio of the force of the wheel torques to mass x accel_x
-# exceeds this limit, or is below a second limit. The second limit is 1 / MAX_FORCE_RATIO
-# if the torques of both axles are logged, otherwise MIN_AXLE_SHARE.
+# [1] Max ratio of the force of the wheel torques to mass x accel_x without a warning. The
+# min is 1 / MAX_FORCE_RATIO if both axles have torques, otherwise MIN_AXLE_SHARE.
 MAX_FORCE_RATIO = 1.6
 # [1] min correlation of accel_x with the force of the wheel torques, for a warning
 MIN_TORQUE_CORR = 0.7
@@ -145,12 +141,11 @@ MIN_AXLE_SHARE = 0.25
 # of both accelerometers exceed this, the sine of 12 degrees. In correct logs, at most one
 # of the two sensitivities deviates from 0, by up to 0.13.
 MIN_IMU_TURN = 0.2
-# If a log has the wheels of the left side of the car in the channel of one axle, and
-# those of the right side in the channel of the other axle, front - rear wheel speed [m/s]
-# is the track times the yaw rate, or minus this product. There is a warning if the fitted
-# factor of the yaw rate is as large as a track. SIDE_LEVER: [m] min and max magnitude of
-# this factor. MIN_SIDE_SHARE: [1] min share of the variance of front - rear speed that
-# the yaw rate explains. The part of the variance that slip explains is subtracted first.
+# Limits for a warning that the front channel contains the wheels of one side of the car
+# and the rear channel those of the other side. front - rear wheel speed [m/s] is then
+# track x yaw rate, or minus this product. SIDE_LEVER: [m] min and max of |factor|, with
+# the fitted factor of the yaw rate. MIN_SIDE_SHARE: [1] min share of the variance of
+# front - rear speed that the yaw rate explains, without the variance explained by slip.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
 # [s] max magnitude of the delay of the measured accel_y behind the accel_y that follows
 # from speed and yaw rate. There is a warning if the delay is larger by more than 3 sd. In
@@ -363,8 +358,8 @@ def check_units(
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            # The mistake explains only a part of the log, in which the car e.g. slides. A
-            # wrong unit would affect all of the log.
+            # The correction makes the ratios worse in a part of the log. A wrong unit or
+            # sign would affect all of it, so the reason is a different one, e.g. a slide.
             return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
