@@ -25,19 +25,15 @@ LATENCY_SUFFIX = "_latency"
 LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # name of the unknown -> channel
 MAX_FITTED_LATENCY = 0.2  # [s] bound of a latency, positive or negative
 # Key: Unknown.message. Value: prior sd of the error that all unknowns with this message
-# have in common: a latency [s] for "wheels" and "accelerometers", a relative error of the
-# radius for "radii". Each unknown also has an individual error, with the prior sd
-# Unknown.sd. The common error is larger, because wheel speeds come from one control unit,
-# accelerations from one chip, and tyres are of one kind. The individual latencies of the
-# wheel speeds have a small sd of 0.5 ms: logs hardly show how much the latencies of the
-# axles differ, so with a larger sd the fit would explain model errors by a difference
+# have in common (latency [s], relative error of the wheel radius). Example: the wheel
+# speeds of both axles come from one control unit, so their latencies are nearly equal
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness / its value in the vehicle file)
 MAX_LN_STIFFNESS = 1.8  # bound of |ln(stiffness / its value in the vehicle file)|
 MAX_SHOWN_RATIO = 0.7  # ratio of posterior to prior sd; below it, the logs determine the unknown
 SIGNIFICANT_SD = 3.0  # [posterior sd] distance from 0 above which an unknown is significant
-# Cornering stiffness is searched as its inverse. The motion is nearly linear in the
-# compliance of the axles, whereas steps in the stiffness would overshoot the minimum
+# stiffnesses that the fit varies as compliance = 1 / stiffness, because the motion is
+# nearly linear in the compliance
 COMPLIANCE = ("cy_front", "cy_rear")
 # Prior mean and sd of the lean of the roads of a log. The lean is the share of the
 # lateral acceleration in curves that the bank of the road compensates; roads are built
@@ -69,20 +65,19 @@ class Unknown:
     low: float  # lower bound
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
-    message: str = ""  # unknowns with the same message have a common error with sd COMMON_SD[message]
-    # limit for the absolute value, and for the change against the vehicle file. A value
-    # or change below the limit does not matter to the user, and the report of a
-    # calibration says so. 0: there is no limit, because the unknown describes the shape
-    # of an effect and not its size. Example: the distribution of an effect between the
-    # axles
+    # group of unknowns, e.g. "wheels". They have a common error with the prior sd
+    # COMMON_SD[message], and each has an individual error with the prior sd `sd`
+    message: str = ""
+    # negligible change against the vehicle file (latency: against 0), in the unit of
+    # `mean`; 0: none, as for the distribution of an effect between the axles
     worth: float = 0.0
 
 
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
     """Return the latency of a channel as an unknown.
 
-    `own` [s] is the prior sd of the error that this channel does not have in common with
-    others (see COMMON_SD).
+    `own` [s] is the prior sd of the individual error. Channels with the same `message`
+    also have a common error (see COMMON_SD).
     """
     return Unknown(
         name + LATENCY_SUFFIX,
@@ -101,6 +96,7 @@ def _make_latency(name: str, own: float, message: str = "") -> Unknown:
 # mounting errors of 1 to 2 degrees, and scale errors of 1 %.
 UNKNOWNS: tuple[Unknown, ...] = (
     _make_latency("steer_angle", 0.025),
+    # 0.5 ms: logs hardly show by how much the latencies of the axles differ
     _make_latency("wheel_speed_front", 0.0005, "wheels"),
     _make_latency("wheel_speed_rear", 0.0005, "wheels"),
     _make_latency("accel_x", 0.01, "accelerometers"),
@@ -121,9 +117,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown(
         "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
-    # The axles share a longitudinal force in proportion to their stiffness. The rear
-    # stiffness is an unknown of its own: with a wrong constant ratio of the stiffnesses,
-    # the fit would explain the error by wheel latencies of tens of ms
+    # The rear stiffness is estimated separately. With a wrong constant ratio of rear to
+    # front stiffness, the fit would compensate by latencies that are wrong by tens of ms
     Unknown(
         "longitudinal_stiffness_rear",
         "rear longitudinal stiffness",
@@ -157,8 +152,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     # loss is proportional to the share, the balance is 2 s - 1 = -0.2 .. 0.26
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
-    # If the static axle loads differ, the balance of a car is not 0: the stiffness of the
-    # axle with the larger load changes less (relative to this stiffness)
+    # not 0 if the static axle loads differ: the load transfer of both axles is equal, so
+    # the axle with the larger static load has the smaller relative change of stiffness
     Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
@@ -179,9 +174,9 @@ OF_VELOCITY: tuple[Unknown, ...] = (
 )
 # name of an unknown of a velocity sensor -> setting with its prior sd
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
-# Key: setting of table [uncertainty]. Value: the unknown to which the setting belongs.
-# The setting is the prior sd of the unknown, and a calibration writes the posterior sd of
-# the unknown to the setting
+# Key: setting of table [uncertainty]. Value: unknown whose posterior sd a calibration
+# writes to the setting. If the vehicle file states the setting, it is also the prior sd
+# of the unknown, but not for an unknown with a `message`
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -192,10 +187,9 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# Key: the scale error of accel_y. Value: a second unknown, which changes accel_y in the
-# same way, and a factor. The factor times the second unknown is the scale error that it
-# causes. Logs determine only the sum of both scale errors, so only the sd of the sum is
-# reported
+# Roll of the body (gain g in rad per m/s2) changes accel_y like a scale error of
+# GRAVITY * g. Logs determine only the sum: scale error of the sensor + GRAVITY * g.
+# Key: scale error of the sensor. Value: name of g, GRAVITY
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads of a log (see LEAN_MEAN); name_in_log() adds the index
 
@@ -211,7 +205,7 @@ def name_bias(channel: str, log: int) -> str:
 
 
 def get_unit(name: str) -> str:
-    """Return the unit of an unknown."""
+    """Return the unit of an unknown; "ln" for a stiffness: its logarithm is estimated."""
     if name in LATENCIES:
         return "s"
     fields = Config().fields
@@ -243,8 +237,8 @@ class Prior:
 def make_prior(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
     """Return the prior of the unknowns of a car.
 
-    Means and sds are those of UNKNOWNS, unless the vehicle file states them. If the file
-    contains the result of an earlier calibration, this result replaces both.
+    Means and sds come from the vehicle file, else from UNKNOWNS. If the file contains the
+    result of an earlier calibration, its means and covariances are used instead.
 
     Parameters
     ----------

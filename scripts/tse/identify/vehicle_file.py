@@ -28,10 +28,9 @@ from tse.library.core import Config, library
 # against its estimate from residuals, in intervals of LASTING_PIECE_TIME (10 s): the
 # prior value counts as much as an estimate from 20 s of curves
 PRIOR_PIECES = 2.0
-# [m/s2] A 10 s interval with this rms lateral acceleration counts as half an interval in
-# measure_unexplained(), and an interval with much less as nearly 0. The value is that of
-# MIN_ACTIVITY (src/tables/constants.toml), the smallest rms acceleration by which the
-# filter multiplies model_sd
+# [m/s2] A 10 s interval with the rms lateral acceleration a has the weight
+# a^2 / (a^2 + MIN_LATERAL_ACTIVITY^2) in measure_unexplained(). Equal to MIN_ACTIVITY in
+# src/tables/constants.toml
 MIN_LATERAL_ACTIVITY = 0.5
 
 
@@ -48,12 +47,9 @@ class Residuals(Protocol):
 def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
     """Return the setting model_sd, the relative sd of the model error, from residuals.
 
-    The prior value `before` and the value from measure_unexplained() are combined. The
-    square of the result is the weighted mean of the squares of both values. The weight of
-    `before` is PRIOR_PIECES. The weight of the measured value is the effective number of
-    10 s intervals that it is computed from. Straight driving hardly increases this
-    number, because it does not show the model error of curves. Half an hour of curves
-    outweighs `before`.
+    model_sd^2 is the weighted mean of `before`^2 (prior value, weight PRIOR_PIECES) and
+    the square of the value from measure_unexplained() (weight: effective number of 10 s
+    intervals, in which straight driving hardly counts).
     """
     left, count = measure_unexplained(problem, residuals)
     found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
@@ -63,9 +59,9 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the relative model error of yaw_rate, and the effective number of intervals.
 
-    The relative model error is model error / rms of yaw_rate, as defined in
-    measure_share(). yaw_rate is chosen because bank and grade do not act on a gyro: its
-    residuals contain no error of the road. Without a gyro, both results are 0.
+    The relative model error is model error / rms of yaw_rate, see measure_share(). It is
+    computed from yaw_rate, because bank and grade do not act on a gyro. Without a gyro,
+    both results are 0.
     """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:

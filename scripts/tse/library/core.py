@@ -122,10 +122,9 @@ class EffectRow:
     # class of the effect, from which its prior probability follows: SENSOR, EVERY_CAR,
     # SOME_CARS, ROAD, ABSORBED or IN_MODEL, defined at the top of src/tables/effects.toml
     occurrence: str
-    # title that replaces `title` if a fitted strength is less than `early_below`: such a
-    # value comes from the logger or a low pass of the IMU, not from the car. Example: a
-    # negative delay of the IMU means that the other channels are logged later than the
-    # IMU. "": `title` is never replaced
+    # title used instead of `title` if a fitted strength is below `early_below`, which has
+    # a different cause; "": none. Example: a negative delay of the IMU means that the
+    # other channels are logged late
     early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
@@ -164,10 +163,10 @@ class FormulaOp:
     # NUMBER: a number of the formula, SIGNAL: a signal of the model, PLAIN: a function of
     # the operands, MEMORY: a function that also depends on earlier values of the operands
     kind: str
-    # unit of the result and of all operands, or one of these rules. same: operands and
-    # result have any unit, but the same one. first: the result has the unit of the first
-    # operand. rate: the unit of the operand, per s. product, quotient, root: the product,
-    # quotient or square root of the units of the operands
+    # unit of the result and of all operands, or a rule for the unit of the result:
+    # same: that of the operands, which must agree; first: that of the first operand;
+    # rate: that of the operand, per s; product, quotient, root: the product, quotient or
+    # square root of the operands' units
     unit: str
     text: str
 
@@ -388,7 +387,7 @@ class Library:
         Parameters
         ----------
         name : str
-            Name without the suffix of the number format.
+            Name without the suffix _f64, _f32 or _fix of the number format.
         restype
             ctypes type of the result.
         argtypes : list, optional
@@ -434,10 +433,9 @@ class Library:
         """Convert numbers, or records of struct `which`, to the library's number format.
 
         For a floating-point library, return `values` itself. For a fixed-point library,
-        return a new array. In it, NaN is replaced by an integer that stands for NaN
-        (FIXED_NAN), and a number outside the range by the nearest limit. Settings are
-        first rounded to single precision, as macro TSE_S of tse/real.h does. So they are
-        equal in libraries of all number formats."""
+        return a new array: NaN becomes the integer FIXED_NAN, and numbers are clipped
+        (MAX_SCALED). Settings are first rounded to single precision, as macro TSE_S of
+        tse/real.h does, so that they are equal in all number formats."""
         if not self.fraction_bits:
             return values
         if which is None:
@@ -453,9 +451,9 @@ class Library:
         return records
 
     def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
-        """Convert the array `native`, into which the library has written, and store the
-        result in `values`."""
-        if not self.fraction_bits:  # `native` and `values` are the same array
+        """Convert `native`, the array that the library has written, and store the numbers
+        in `values`."""
+        if not self.fraction_bits:  # native() returned `values` itself
             return
         if which is None:
             values[:] = _from_fixed(native, self.fraction_bits)
@@ -628,8 +626,8 @@ class Config(Settings):
         return config
 
     def complete(self) -> Config:
-        """Return a copy in which a mass, yaw inertia or stiffness of 0 (not set) has the
-        value that the filter uses instead. Example: 1500 kg for a mass of 0."""
+        """Return a copy in which a mass, yaw inertia or stiffness that is not set (0) has
+        the filter's value. Example: 1500 kg for the mass."""
         config = type(self)(self.as_dict(), lib=self._lib)
         config.fill("tse_config_complete")
         return config
@@ -685,10 +683,7 @@ def _allocate(size: int) -> np.ndarray:
 
 
 class LearntError(UserError):
-    """Bytes were given to load_learnt() that are not a learnt state of this vehicle.
-
-    The learnt state is what the filter has estimated on earlier drives. The message is
-    the text of the status that the library returned."""
+    """load_learnt() refused the bytes (damaged, of a different vehicle) or the age."""
 
 
 class NativeFilter:
@@ -770,11 +765,11 @@ class NativeFilter:
         return self._filter.tobytes()[: self._bytes]
 
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
-        """Return the sd that each uncertain setting adds to the three stiffnesses.
+        """Return the contribution of each uncertain parameter to stiffness_sd.
 
-        Keys are the settings of src/tables/uncertainty.toml. Values are the sds after the
-        last row, relative to the nominal stiffness. For the filter with particles, which
-        does not compute these sds, the result is {}."""
+        Keys are the settings of src/tables/uncertainty.toml. Values are arrays of three
+        sds after the last row, one for each stiffness, relative to the nominal stiffness.
+        The filter with particles has none: {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
@@ -972,9 +967,9 @@ class Replay:
 
 
 def convert_stiffness(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convert the relative stiffnesses in one output to N (cx_front) and N/rad (cy_front,
-    cy_rear). Return stiffness, stiffness_sd and stiffness_spread, as tse_output defines
-    them, each with three values in the order of STIFFNESS."""
+    """Return stiffness, stiffness_sd and stiffness_spread of one output (tse_output) in N
+    (cx_front) and N/rad (cy_front, cy_rear), each with three values in the order of
+    STIFFNESS. In the output they are relative to the nominal stiffness."""
     lib = library()
     record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
     si = [np.zeros(3, lib.real) for _ in range(3)]

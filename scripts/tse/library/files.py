@@ -85,7 +85,7 @@ def write_atomically(path: Path, mode: str = "w") -> Iterator[IO]:
 
 
 PART_SUFFIX = ".part"  # end of the name of an unfinished file
-MIN_PART_AGE = 60.0  # [s] age from which an unfinished file that no process has locked is deleted
+MIN_PART_AGE = 60.0  # [s] the next write deletes an older unfinished file, unless it is locked
 
 
 def _lock_handle(handle: int) -> bool:
@@ -156,9 +156,8 @@ def _write_new(path: Path, mode: str) -> Iterator[IO]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the list of names in a folder to the disk, if the system has a call for it.
-
-    If it has none, the system itself writes a new name to the disk some time later."""
+    """Write the entries of a folder to the disk, so that a power failure does not undo
+    the renaming of a file. Do nothing on Windows, which has no call for it."""
     if sys.platform == "win32":
         return
     try:
@@ -241,9 +240,8 @@ def is_parquet(path: Path | None) -> bool:
 
 
 # ---- Sealed files hold data from which a later run of the same user continues. The
-# seal is a digest whose key is a secret in the user's home folder. Without the secret,
-# nobody can write a file with a valid seal, and no run continues from a file whose
-# seal is wrong.
+# seal is a digest of the data, keyed with a secret in the user's home folder. A file
+# that somebody else has written or changed has a wrong seal and is not used.
 
 SECRET_BYTES = 32
 
@@ -274,8 +272,8 @@ def read_sealed(path: Path) -> Any:
 def load_secret() -> bytes:
     """Return the user's secret, the key of the seals. If there is none, make it.
 
-    If the secret cannot be stored, return random bytes. Later runs then accept no seal of
-    this process and start from the beginning."""
+    If the secret cannot be stored, return random bytes. Later runs then cannot use the
+    files that this process seals."""
     home = (
         os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".local" / "state"
     )
@@ -287,8 +285,8 @@ def load_secret() -> bytes:
             with os.fdopen(handle, "wb") as file:
                 file.write(secrets.token_bytes(SECRET_BYTES))
             try:
-                # if several processes make a secret at once, only one link succeeds, and
-                # all use its secret
+                # link() fails if a different process has just stored its secret; that
+                # secret is then read below
                 os.link(name, path)
             except FileExistsError:
                 pass

@@ -115,9 +115,8 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # Tasks that ran or waited when a process died: any running task may have killed
-        # it. Each of them runs again, alone in a new process. If the new process dies,
-        # too, the function that next() returns for the task raises Died.
+        # unfinished tasks at the death of a process: any of them may have caused it. Each
+        # runs again, alone in a new process. If that dies, too, the task fails with Died
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
@@ -138,8 +137,8 @@ class LocalPool(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            # get() instead of futures.wait(): if Ctrl-C interrupts wait(), the locks of
-            # the futures stay held, and shutdown() would wait for them forever
+            # not futures.wait(): after a Ctrl-C in wait(), shutdown() would wait forever
+            # for locks that wait() still holds
             future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -165,8 +164,7 @@ class LocalPool(Workers):
 def _raise_died(more: str = "") -> Any:
     """Raise Died; `more` is appended to the message.
 
-    If the process of a task has died, next() returns the task with this function, instead
-    of the function that returns the result."""
+    next() returns this function for a task whose process has died."""
     raise Died(more)
 
 

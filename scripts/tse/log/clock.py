@@ -1,16 +1,14 @@
 """Repair the times of a log, and describe each repair in a note for the user.
 
-Repaired are equal times, times in the wrong order, and jumps of the clock. An entry is a
-row, a frame or a sample of a log, with its time."""
+Equal times, times in the wrong order and jumps of the clock are repaired. An entry is a
+row, frame or sample of a log."""
 
 import numpy as np
 
 DAY = 86400.0  # [s]
-# Let T be the highest time before an entry. If the time of the entry is below T, either
-# the entry was delayed in a buffer (it is "late"), or the clock was set back. It is late
-# if its time is at least T - MAX_LATE_TIME, and if one of the next MAX_LATE_ROWS / 2
-# entries has a time above T: after a late entry, times soon continue as before.
-# Otherwise the clock was set back.
+# An entry whose time is below T, the highest time before it, is "late" (delayed in a
+# buffer) if its time is at least T - MAX_LATE_TIME and one of the next MAX_LATE_ROWS / 2
+# entries has a time above T. Otherwise the clock was set back.
 MAX_LATE_ROWS = 8
 MAX_LATE_TIME = 0.5  # [s]
 # [s] longest step between rows that the C library accepts. A longer step is taken as a
@@ -41,15 +39,12 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
     Notes
     -----
-    - Entries without a time are dropped.
-    - If entries have the same time, and `together` is False, the last one is kept. But if
-      more than 20 % of the entries have the same time as the next entry, the resolution
-      of the clock is too coarse. Then all entries are kept, and entries with the same
-      time are spread evenly up to the next time.
-    - Late entries (see MAX_LATE_TIME) are dropped.
-    - If times fall and continue from the lower value, the clock was set back or has
-      overflowed. The first entry after the fall gets the highest time before it plus the
-      median of all positive steps. All later times are shifted by the same amount.
+    - Entries without a time and late entries (see MAX_LATE_TIME) are dropped.
+    - Where the clock was set back or has overflowed, all later times are shifted, so that
+      the step becomes the median of all positive steps.
+    - Of entries with the same time, the last one is kept, unless `together` is True. But
+      if more than 20 % of the entries have the time of the next entry (coarse clock), all
+      are kept and spread evenly up to the next time.
     - A jump ahead by more than MAX_TIME_GAP becomes a gap of BRIDGED_GAP.
     """
     notes: list[str] = []
@@ -109,16 +104,15 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
 
 def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Remove the falls of the clock, i.e. the places where it was set back. All times
-    after a fall are increased by the same shift.
+    """Shift all times after each fall of the clock (place where it was set back).
 
     Parameters
     ----------
     t : ndarray, (entries,)
         [s] Finite times.
     usual : float
-        [s] Median of the positive steps. The shift is such that the step from the highest
-        time before the fall to the first time after it is `usual`.
+        [s] Median of the positive steps. After the shift, the first time after a fall is
+        the highest time before it plus `usual`.
 
     Returns
     -------
@@ -154,7 +148,8 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _spread_over_ticks(t: np.ndarray) -> np.ndarray:
-    """Spread entries that have the same time evenly up to the next time."""
+    """Spread entries that have the same time evenly up to the next time, but over at most
+    twice the median step between different times."""
     ticks, first, count = np.unique(t, return_index=True, return_counts=True)
     following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))
     length = np.minimum(following - ticks, 2 * np.median(following - ticks))

@@ -5,20 +5,18 @@ The sd of the noise of a channel, while the car moves, is the largest of these v
 (a) An sd from second differences, in which a slow signal cancels:
     1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6). k: the hold, explained below.
 (b) For a quantised channel: quantisation step / sqrt(12).
-(c) For an accelerometer: an sd of its misfit to the kinematics, accel_x - dv/dt or
-    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to the misfit. The
-    misfit is averaged over 0.2 s, and its slow part (the average over 2 s) is subtracted.
-    The sd of the result is computed in each window of 2 s. The quantile 0.3 of these sds
-    represents quiet driving. It is the sd of averages over n rows (0.2 s). White noise
-    whose averages over n rows have this sd has an sd sqrt(n) times as large in each row.
-    So the quantile is multiplied by sqrt(n).
+(c) For an accelerometer: the sd of its misfit in quiet driving. The misfit is
+    accel_x - dv/dt or accel_y - v yaw_rate; pitch, road, vibration and lag add to it. It
+    is averaged over n rows (0.2 s), and its slow part (average over 2 s) is subtracted.
+    The sd is the quantile 0.3 of the sds in windows of 2 s, times sqrt(n), because the
+    average of n rows of white noise has an sd that is smaller by the factor sqrt(n).
 (d) A lower limit, NOISE_FLOOR, which is 0 for wheel speeds.
 
 If a sensor has fewer samples per second than the log has rows, each sample is repeated,
 or interpolated linearly, over several rows. The number of rows per sample is the hold k.
-The filter uses each row as an independent measurement, but k rows contain the information
-of one sample only. So (a) and (b) are multiplied by sqrt(k): k rows then have the weight
-of one sample. For wheel speeds, (a) and (b) of the noisier axle are used for both axles.
+The filter takes rows as independent, so (a) and (b) are multiplied by sqrt(k): k rows
+then have the weight of one sample. For wheel speeds, (a) and (b) of the noisier axle are
+used for both axles.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
 drifting mounting cause. The initial sd of the bias is the size of this slow part. The sd
@@ -60,7 +58,7 @@ class Misfit:
     wheels."""
 
     # [m/s2] sd of the misfit, averaged over n rows (0.2 s) and without its slow part,
-    # times sqrt(n). White noise with this sd in each row has the same sd after averaging
+    # times sqrt(n): the sd in one row if the misfit is white noise
     sd: float
     bias: float  # [m/s2] size of the slow part
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
@@ -74,7 +72,7 @@ class Noise:
     hold: int  # number of rows with the same sample; 1: each row has a new one
     step: float  # quantisation step; 0: the channel is not quantised
     text: str  # how the sd was found
-    unraised: float = 0.0  # sd without the lower limit NOISE_FLOOR, to which `sd` may be raised
+    unraised: float = 0.0  # `sd` before the lower limit NOISE_FLOOR was applied
 
 
 def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
@@ -108,10 +106,9 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
 def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """Return the noise of a channel of a log; None if the log is too short.
 
-    A channel in log.slower has fewer original samples than the log has rows, and was
-    interpolated to the rows. Its noise is estimated from the original samples. The filter
-    uses each row as an independent measurement, although n rows contain only one sample.
-    So the sd is multiplied by sqrt(n): n rows then have the weight of one sample."""
+    For a channel that was interpolated to the rows (log.slower), the noise is estimated
+    from the original samples and multiplied by sqrt(rows per sample), because the filter
+    takes rows as independent."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
@@ -135,12 +132,10 @@ def _measure_scale(x: np.ndarray) -> float:
 def _find_hold(x: np.ndarray, scale: float) -> int:
     """Return the hold: the number of rows over which x is constant or on a straight line.
 
-    If x is constant over k rows, the share 1 - 1/k of its first differences is 0. If x is
-    a straight line over k rows, the same share of its second differences is 0. The hold k
-    follows from the larger one of the two shares. Differences below 0.001 `scale` count
-    as 0. `scale` is the median deviation of x from its median. But for inputs of the
-    model (DRIVES), which vary much but slowly, it is the sd of the changes from row to
-    row."""
+    If each sample is held (or interpolated) over k rows, the share 1 - 1/k of the first
+    (or second) differences of x is 0. k follows from the larger one of both shares.
+    Differences below 0.001 `scale` count as 0. `scale`: sd of the change from row to row
+    for inputs of the model (DRIVES), else the result of _measure_scale()."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
@@ -216,11 +211,9 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which the signal x has a new sample.
 
-    A slow signal has a new sample every `beat` rows. The rows between repeat this sample:
-    they contain no new measurement, and are not marked. The distances between changes of
-    a slow signal are multiples of `beat`. If less than 90 % of the distances are, x is
-    not slow but quantised: successive samples are equal by chance, and each row has a new
-    sample. Then all rows are marked, as also if x has too few changes for a decision."""
+    A slow signal has a new sample every `beat` rows, which the rows between repeat. So at
+    least 90 % of the distances between changes must be multiples of `beat`. If not, or if
+    x has fewer than about 50 changes, all rows are marked."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

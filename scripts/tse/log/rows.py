@@ -25,10 +25,9 @@ MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
 # column of an axle -> columns of its two wheels, which a log may have instead
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}
 # Optional column of a log -> unit, lowest and highest value, description, hint for a
-# column in a wrong unit. A column that src/tables/input.toml lists is passed to the C
-# library. The others are gnss_latitude and gnss_longitude, which locate the car on a
-# road, and vehicle_speed. It serves to check the units of other columns, and replaces the
-# wheel speeds in a log that has none.
+# column in a wrong unit. The C library gets the columns in src/tables/input.toml. It does
+# not get gnss_latitude and gnss_longitude (they locate the car on a road) and
+# vehicle_speed (it checks units, and replaces wheel speeds that the log lacks).
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -47,9 +46,9 @@ OPTIONAL_COLUMNS = {
         "1: the car brakes, 0: it does not",
         "a pressure: name it in signals.toml, with above = the pressure from which the car brakes"),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0,
-        "drive torque minus brake torque of both front wheels", "kNm: multiply by 1000"),
+        "drive torque minus brake torque, sum of both front wheels", "kNm: multiply by 1000"),
     "wheel_torque_rear": ("Nm", -20000.0, 20000.0,
-        "drive torque minus brake torque of both rear wheels", "kNm: multiply by 1000"),
+        "drive torque minus brake torque, sum of both rear wheels", "kNm: multiply by 1000"),
     "bank": ("rad", -0.35, 0.35,
         "bank of the road, positive if the left side is higher, with that of its curves",
         "degrees: multiply by pi/180"),
@@ -76,8 +75,8 @@ COLUMN_HINTS = {
 }
 
 # Limits of a time column
-# [s] lowest and highest median step between rows. The check of a log is more lenient: it
-# refuses a median step only below MIN_ROW_STEP / 2 or above MAX_ROW_STEP
+# [s] lowest and highest median step between rows. A log is refused only below
+# MIN_ROW_STEP / 2 or above MAX_ROW_STEP
 MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0
 # share of rows whose time falls. Above it the log is refused: its rows are not sorted by
 # time
@@ -88,24 +87,18 @@ MAX_BACK = 0.5
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
-# [1] The difference between the two wheel speeds of an axle is fitted by a constant times
-# the yaw rate. If the fit explains less than this share of the mean square of the
-# difference, the difference is mainly noise. The constant is then discarded, and the
-# track width, which would follow from it, is not determined.
+# [1] right - left wheel speed of an axle is fitted by a constant times the yaw rate. If
+# the fit explains less than this share of the mean square, the constant is discarded.
 MIN_TURN_SHARE = 0.5
-# [1] accel_y is fitted by a constant times wheel speed x yaw rate. If the rms of the
-# residual is less than this share of the rms of accel_y, accel_y was not measured, but
-# computed as speed x yaw rate. It is then treated as missing, because it adds nothing to
-# the two other channels. For a measured accel_y, the share is at least 0.04, even in a
-# simulation without noise.
+# [1] accel_y is fitted by a constant times wheel speed x yaw rate. If rms of the residual
+# / rms of accel_y is below this limit, accel_y was computed, not measured, and is treated
+# as missing. A measured accel_y has at least 0.04, even in a simulation without noise.
 MAX_COMPUTED_MISFIT = 0.015
-# A logger may write zeros for missing values. A run of zeros is a group of successive
-# rows with the value 0. It is suspicious if the values before and after it are far from 0
-# on the same side: a real signal would come close to 0 before it is 0. Far means a
-# magnitude above ZERO_JUMP_STEPS times the 95 % quantile of |change from row to row|
-# (without changes from or to 0). All zeros of a channel are treated as missing values if
-# at least MIN_ZERO_RUNS runs, and at least the share MIN_ZERO_SHARE of all runs, are
-# suspicious.
+# A logger may write zeros for missing values. A run of successive zeros is suspicious if
+# the values before and after it have the same sign and magnitudes above ZERO_JUMP_STEPS
+# times the 95 % quantile of |change from row to row| (without changes from or to 0). All
+# zeros of a channel are treated as missing if at least MIN_ZERO_RUNS runs, and at least
+# the share MIN_ZERO_SHARE of all runs, are suspicious.
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
 # A bus may send a fixed value that means "not available". The value of a channel with the
 # largest magnitude is taken as such a code, and treated as missing, under three
@@ -125,10 +118,9 @@ WITNESSES = (
     ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
     ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# [1] average() divides a log into blocks of equal duration, and replaces the rows of each
-# block by their mean. The mean of a channel is NaN if at least this share of the rows of
-# the block lacks the channel. A block is dropped if its number of rows is at most this
-# share of the median number of rows per block.
+# [1] share for average(). The mean of a channel over a block of rows is NaN if at least
+# this share of the values is missing. A block is dropped if it has at most this share of
+# the median number of rows per block.
 MAX_MISSING = 0.5
 
 
@@ -163,10 +155,9 @@ class SlowChannel:
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
     """Write the finite values of `columns` to the optional channels of `rows`.
 
-    `rows` is an array of tse_input, the input struct of the C library. rows["given"] has
-    one bit for each optional channel. The function sets the bit in the rows in which the
-    value is finite. In the other rows of a column, it writes 0 and leaves the bit unset.
-    gnss_course is wrapped to -pi .. pi rad."""
+    `rows` is an array of tse_input, the input struct of the C library. Where a value is
+    finite, its bit in rows["given"] is set; elsewhere, 0 is written. gnss_course is
+    wrapped to -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -196,14 +187,12 @@ class CheckedLog:
     # Axle whose wheel speeds are not in the file. It gets the wheel speeds of the other
     # axle, so longitudinal slip is not observable. None: both axles are in the file.
     stand_in: str | None = None
-    # factor by which the copied wheel speeds of the axle `stand_in` were multiplied:
-    # wheel radius of the other axle / wheel radius of the axle `stand_in`. With it, wheel
-    # speed x wheel radius is the same at both axles
+    # factor from the wheel speed of the other axle to that of the axle `stand_in`: wheel
+    # radius of the other axle / wheel radius of the axle `stand_in`
     stands_by: float = 1.0
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels interpolated to the rows
-    # Axle whose two wheel speeds are in the file -> (right - left wheel speed) / yaw
-    # rate, which is track width / wheel radius. 0: unknown, since this difference of the
-    # wheel speeds is mainly noise.
+    # axle whose two wheel speeds are in the file -> (right - left wheel speed) / yaw rate
+    # = track width / wheel radius; 0: unknown (see MIN_TURN_SHARE)
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
@@ -258,9 +247,9 @@ def find_signals_file(path: Path) -> Path | None:
 
 
 def find_absent_channels(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
-    """Return the channels that the log lacks, but is allowed to lack.
+    """Return the missing channels without which a log can still be used.
 
-    The caller refuses a log that lacks any other channel.
+    If any other channel is missing, the caller refuses the log.
 
     Parameters
     ----------
@@ -273,17 +262,14 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
         Channels that the log may lack. It may also lack the wheel speed of one axle if it
         has that of the other axle.
     """
-    # If a column differs from the name of a channel only by capital letters, the name is
-    # misspelt: the log does have the channel. The channel is not returned. So the caller
-    # refuses the log and suggests the right name, instead of estimating without the
-    # channel.
+    # A column "Yaw_Rate" is a misspelt yaw_rate. yaw_rate is then not returned, so that
+    # the caller refuses the log and suggests the right name.
     misspelt = {n.lower() for n in names} - {*names}
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # A log may lack the wheel speed of one axle, because the wheel speed of the other
-    # axle replaces it. But if the log has one of the two wheels of the lacking axle, the
-    # second wheel was probably forgotten. The axle is then not returned, so the caller
-    # refuses the log.
+    # The wheel speed of one axle may be missing: that of the other axle replaces it. But
+    # if the log has one wheel of the missing axle, its second wheel was probably
+    # forgotten: the axle is not returned, and the caller refuses the log.
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
 
@@ -382,9 +368,9 @@ def _check_channels(
 
     A column with too many values outside its range raises a UserError (see MAX_OUTSIDE).
     NaN replaces a few values outside the range, bus codes for "not available", zeros that
-    stand for missing values, and all values of a stuck measurement. Absent channels
-    become columns of NaN. `parts`: channel -> names of its columns, which are one column
-    or the columns of two wheels. `absent`: channels that the log lacks."""
+    stand for missing values, and all values of a stuck measurement. `parts`: channel ->
+    its column, or its two columns (left and right wheel). `absent`: channels that the log
+    lacks; each becomes a column of NaN."""
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
@@ -495,10 +481,7 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
 def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     """Replace by NaN the zeros that a logger wrote for missing values.
 
-    A run of zeros is suspicious if the values before and after it have the same sign, and
-    both are much larger in magnitude than the usual change from row to row
-    (ZERO_JUMP_STEPS). If there are many suspicious runs (MIN_ZERO_RUNS, MIN_ZERO_SHARE),
-    all zeros of the channel are replaced. Else none is replaced."""
+    All zeros of the channel are replaced, or none: see MIN_ZERO_RUNS."""
     value = data[name]
     zero = value == 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], zero.astype(np.int8), [0]])))
@@ -550,8 +533,8 @@ def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
     """Return the part of a log in which the car turns most, for checks of its sensors.
 
-    The part has `rows` rows if the sample time is at most 0.01 s. Otherwise it lasts
-    `rows` x 0.01 s, i.e. has fewer rows. A shorter log is returned completely."""
+    The part has at most `rows` rows, and lasts at most `rows` x 0.01 s. A shorter log is
+    returned completely."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
@@ -589,11 +572,10 @@ def _average_axle(
 ) -> tuple[np.ndarray, float]:
     """Return the mean wheel speed [rad/s] of an axle, and the turn ratio.
 
-    The turn ratio is (right - left wheel speed) / yaw rate, which equals track width /
-    wheel radius. It is fitted to the rows that have both wheels. In a row with only one
-    wheel, the mean is left + h or right - h, with h = turn ratio x yaw rate / 2. If noise
-    dominates the difference of the wheel speeds (see MIN_TURN_SHARE), 0 is returned
-    instead of the fitted turn ratio."""
+    The turn ratio is (right - left wheel speed) / yaw rate, i.e. track width / wheel
+    radius, fitted to the rows that have both wheels. In a row with only one wheel, the
+    mean is left + h or right - h, with h = turn ratio x yaw rate / 2. If the fit is poor
+    (see MIN_TURN_SHARE), 0 is returned as turn ratio."""
     difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     rate = yaw_rate if both.all() else yaw_rate[both]
@@ -835,8 +817,8 @@ def _check_channel(
     """Refuse a column that is empty or has too many values outside its range. Otherwise
     replace the values outside the range by NaN.
 
-    Too many is more than the share MAX_OUTSIDE. `name`: column to check. It is f.name or,
-    if `f` is the wheel speed of an axle, the column of one wheel."""
+    Too many is more than the share MAX_OUTSIDE. `name`: column to check, f.name or the
+    column of one wheel of axle f.name."""
     value = data[name]
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
