@@ -152,8 +152,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
 
     Two lines in a vehicle file of the same folder, [formula] and file = "play.toml", add
     the formula to simulator, estimator and 'tselab gap'. Below are all places, signals
-    and functions. In the text of a function, x is its first argument, y its second and z
-    its third.
+    and functions; x, y and z are the first, second and third argument of a function.
     """
     import tse
     from tse import tables

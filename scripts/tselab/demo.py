@@ -74,10 +74,9 @@ LAST = 12.0  # [s] duration of the last part of the drive, whose errors are prin
 INITIAL_RATIO = 0.8  # ratio of the initial estimate of every stiffness to its nominal value
 
 
-# Id of the effect that `tselab gap` has to find in the logs of a second car: the body
-# rolls on its springs, so accel_y contains a component of gravity. The logs are simulated
-# with this effect, but the vehicle file for `tselab gap` does not have it. The simulated
-# logs also have noisy wheel speeds, and a stiffness that varies from sample to sample.
+# Id of the effect that `tselab gap` has to find: the logs of a second car are simulated
+# with it, but the vehicle file lacks it. The body rolls on its springs, so accel_y
+# contains a component of gravity
 HIDDEN = "body_roll"
 HIDDEN_SETTINGS = {
     "body_roll_gain": 0.009,
@@ -92,7 +91,7 @@ GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-# A stiffness is drawn at random in each row, independently of other rows. sd / mean
+# [1] sd / mean of each stiffness, which the simulator draws at random anew in each row
 STIFFNESS_SPREAD = 0.02
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
@@ -213,8 +212,8 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
 RATIO = 15.3  # steering ratio
 TRACK = 1.55  # [m] track width
 DEG_PER_RAD, STANDARD_GRAVITY = 180 / np.pi, 9.80665  # degrees per radian; standard gravity [m/s2]
-# Channel groups of the MF4. Key: name of the group. Value: (n, latency [s], units). The
-# group has every n-th row of the log. `units` has the unit of each signal of the group
+# Channel groups of the MF4. Key: name. Value: (n, latency [s], {signal: unit}). The group
+# has every n-th row of the log
 GROUPS = {
     "LWI": (4, 0.030, {"LWI_Lenkradwinkel": "deg"}),
     "ESP_wheels": (2, 0.040, dict.fromkeys(("ESP_VL", "ESP_VR", "ESP_HL", "ESP_HR"), "km/h")),

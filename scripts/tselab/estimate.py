@@ -206,9 +206,9 @@ def estimate(
     ref_wheel_fl ...) are drawn together with it, others separately. The time between rows
     may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) treat
     noise of the wheel speeds as slip, and then underestimate the stiffness. --average
-    0.1 reduces this noise: the filter gets the mean of each block of 0.1 s, and a row of
-    EST.csv belongs to a block. With --average, too, a noise sd in the vehicle file is
-    that of a single sample. Ctrl-C stops the run and writes the rows done so far.
+    0.1 reduces this noise: the filter gets the mean of each block of 0.1 s, and EST.csv
+    has a row for each block. A noise sd in the vehicle file is always that of a single
+    sample, not of a mean. Ctrl-C stops the run and writes the rows done so far.
 
     --road gives the filter the bank and grade of the road in each row. The position on
     the road is found from gnss_latitude and gnss_longitude or, without them, from the

@@ -68,19 +68,18 @@ def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[s
     parameters
         Parameters of the FMU.
     settings
-        Settings of the car by name. The name of the setting is the name of the parameter
-        from its first dot on, with _ in place of the later dots: the parameter
-        effects.body_roll.gain has the value of the setting body_roll_gain.
+        Settings of the car by name. For example, the parameter effects.body_roll.gain has
+        the value of the setting body_roll_gain: its name without the part before the
+        first dot, and with _ for each further dot.
     name
         Name of the car.
     """
     lines = []
     for p in parameters:
         if p.name == EXACT_PARAMETER:
-            # vehicle.exact is left out, so it keeps its start value, false. A parameter
-            # that is missing in the set then keeps its start value, too. If vehicle.exact
-            # were true, the missing parameters would get the values of the car that the
-            # simulator has by default, with an sd of 0
+            # left out, so that it stays false. If it were true, each parameter that is
+            # missing in the set would get the value of the default car of the simulator,
+            # with an sd of 0, instead of its start value
             continue
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):

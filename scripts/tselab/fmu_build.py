@@ -44,10 +44,9 @@ class Platform:
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
         """Return the targets of zig for which the binary of this platform is compiled.
 
-        In FMI 2.0 the folder darwin64 is for all processors, so its binary is for all
-        targets. In FMI 3.0 each processor has its own folder, so the binary is only for
-        the first target, the processor in `tuple3`. The other processor is a platform of
-        its own."""
+        FMI 2.0 has one folder, darwin64, for all processors of macOS: one binary for all
+        `targets`. FMI 3.0 has a folder for each processor, named by `tuple3`: a binary
+        for the first target only."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 

@@ -278,11 +278,11 @@ def check(
     tselab gap check log_*.csv --vehicle car.toml
 
     For every effect the table has the smallest size at which 'tselab gap' would name this
-    effect, its typical size, and the share that is absorbed by stiffness. An effect
-    changes the simulated channels. Other values of the stiffness compensate a part of
-    this change, so that this part is not visible. The share is the mean square of this
-    part / mean square of the whole change. Below the table are the effects that would not
-    be named at their typical size, with the channels that they affect.
+    effect, its typical size, and the share that is absorbed by stiffness: of the mean
+    square change that the effect makes in the simulated channels, the share that a
+    changed stiffness can make, too, so that it is not visible. Below the table are the
+    effects that would not be named at their typical size, with the channels that they
+    affect.
 
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
     part: only some effects would be named; 4 nothing usable: no effect would be named;

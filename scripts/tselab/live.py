@@ -151,7 +151,8 @@ def live(
     when a value after t has arrived for every channel. The channel that arrives last thus
     determines the delay of the estimates. For a channel with no value after t, the row
     waits at most until t + latency of the channel + 1.5 periods of the channel + 0.02 s.
-    Then the row is used without a value of this channel after t.
+    Then the row has the last value of the channel if this value is at most half a period
+    old, or if the signal has hold = true. Otherwise the channel is missing in the row.
 
     If the bus fails, the command tries to open it again every second. The command reports
     a bus that is silent or off, a message that is no longer received, a database of a

@@ -83,14 +83,12 @@ def _derive_road(
     """Return the settings and, for each row, bank and grade [rad].
 
     The model adds the returned bank and grade to the settings bank_angle and grade_angle.
-    In a row with a logged value, the function returns the logged value minus the setting,
-    so that the sum is the logged value. In all other rows it returns 0, so that the sum
-    is the setting.
+    In a row with a logged value, the returned value is logged value minus setting, so
+    that the sum is the logged value. In a row without a logged grade, the grade is 0.
 
-    If the log has a column bank, the returned settings have bank_superelevation = 0,
-    because the logged bank already contains the effect of this setting. In rows without a
-    logged bank, the function therefore returns the bank that this setting causes instead
-    of 0: -bank_superelevation v r/g, with the speed v and the yaw rate r.
+    A logged bank contains the effect of the setting bank_superelevation. So if the log
+    has a column bank, this setting is returned as 0. In a row without a logged bank, the
+    bank is that effect: -bank_superelevation v r/g, with speed v and yaw rate r.
     """
     given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}

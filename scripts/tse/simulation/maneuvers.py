@@ -26,9 +26,8 @@ class Maneuver:
     wheel_torque_front: np.ndarray
     wheel_torque_rear: np.ndarray
     road_level: np.ndarray  # factor by which the road multiplies all stiffnesses
-    # [m/s] speed that a controller follows. The controller computes the wheel and brake
-    # torques; those of this object are not used. None: no controller, the wheel and brake
-    # torques of this object are used
+    # [m/s] target of a speed controller, whose wheel and brake torques replace those of
+    # the manoeuvre. None: no controller
     target_speed: np.ndarray | None = None
     brake_torque_front: np.ndarray | None = None  # None: no brake torque
     brake_torque_rear: np.ndarray | None = None  # None: no brake torque

@@ -54,8 +54,8 @@ from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # [s] min time between two calls that process frames
-# [s] If this time passes without a frame from the bus, or without a value of a channel, a
-# sentence informs the user
+# [s] time without a frame from the bus, or without a value of a channel, after which this
+# is reported to the user
 SILENT = 1.0
 REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
 # [s] time after the first frame. If the databases define none of the frames received
@@ -76,10 +76,9 @@ LISTENED, MAX_LISTENED = 20.0, 600.0
 # Frames from a longer time are split into several pieces by _cut_pieces()
 MAX_PIECE_TIME = 0.2
 WRITE_INTERVAL = 1.0  # [s] time between two writes of rows
-# The filter finds changes of the stiffness, faults of sensors, and sliding.
-# EVENT_SEARCH_TIME: [s] length of the last part of the drive that is searched for these
-# events. MIN_EVENT_AGE: [s] min time from the start of a change to its report, and min
-# duration of a fault or sliding that is reported
+# Only the last EVENT_SEARCH_TIME [s] of the drive are searched for events. A change of
+# the stiffness is reported if it began more than MIN_EVENT_AGE [s] ago, a fault of a
+# sensor or sliding if it lasted longer than MIN_EVENT_AGE
 EVENT_SEARCH_TIME, MIN_EVENT_AGE = 20.0, 0.5
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
@@ -598,10 +597,9 @@ class LiveDrive:
         if self.drive.contradicted:
             mark_implausible(outputs)
         took = time.monotonic()
-        # Before the signals are known, frames are only collected. Then rows are made from
-        # all of them at once. Normally one call makes a few rows. So if one call makes
-        # the rows of half a second or more, their frames were waiting for the signals.
-        # This wait is not a delay of the filter, so these rows are not counted.
+        # Rows of half a second or more in one call come from frames that were collected
+        # before the signals were known. Their wait is not a delay of the filter, so their
+        # delays are not recorded.
         if came and len(times) < 0.5 / self.config.sample_time:
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
@@ -905,9 +903,8 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint for the first channel in `missing`, to append to a message. The hint
-    names the signal whose name and unit fit the channel best, and says why this signal
-    was not proposed; or it says that no signal fits. Return "" if `proposal` has no
-    hint."""
+    """Return a hint to append to a message: the signal that fits a missing channel best
+    by name and unit, and why it was not proposed; or that no signal fits. The channel is
+    the first in `missing` for which `proposal` has a hint. Return "" if there is none."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (most similar signal: {said[0]})" if said else ""
