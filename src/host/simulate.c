@@ -32,10 +32,10 @@ enum {
 #define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque. At lower
                                * speeds the torque is proportional to the speed, so that the
                                * brake holds a standing wheel without a discontinuity (`wheels` in
-                               * model/effects.h) */
+                               * model/point.h) */
 /* Limits of the motion. A step that exceeds them is refused, before numbers overflow.
- * With torques within their range, a car of usual mass and inertia takes more than a
- * minute to reach these limits. */
+ * They do not limit realistic simulations: with torques within their range, a car of
+ * usual mass and inertia takes more than a minute to reach them. */
 #define LOST_SPEED TSE_R(1000)     /* [m/s] */
 #define LOST_YAW_RATE TSE_R(200)   /* [rad/s] */
 #define LOST_WHEEL TSE_R(1e7)      /* [rad/s] wheel speed; on ice the max torque accelerates the lightest
@@ -234,11 +234,10 @@ static void walk_biases(tse_sim *sim, tse_real dt)
 /* Integrate to the next row. The inputs of the driver are linear between rows or, if
  * hold_inputs is 1, constant.
  *
- * A torque that is held between rows acts half a row later, on average, than a torque
- * that is linear between rows. An estimator that interpolates wheel speeds linearly
- * between rows does not know this delay: its slips and the accelerations that they cause
- * do not match in time. With hold_inputs = 1 it therefore estimates a longitudinal
- * stiffness that is 2 % too small. */
+ * A constant torque acts half a row later, on average, than a linear one. An estimator
+ * that interpolates wheel speeds linearly between rows does not model this delay. With
+ * hold_inputs = 1 it therefore estimates a longitudinal stiffness that is 2 % too
+ * small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;

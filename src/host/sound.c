@@ -101,8 +101,7 @@ static int is_agreement_sound(const tse_agreement *a)
   return fine;
 }
 
-/* Return whether the mean and variance from which the slip stiffness is estimated are
- * sound. */
+/* Return whether the prior of the longitudinal stiffness (tse_along) is sound. */
 static int is_along_sound(const tse_along *a)
 {
   return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);

@@ -9,13 +9,12 @@
 
 /* Max magnitudes of the numbers of a sound state: small enough that no computation with
  * them overflows.
- *   MOST_REAL      all numbers but those named in the next lines
+ *   MOST_REAL      all numbers but those named below
  *   MOST_SQUARE    squares and products, such as mean squares, covariances and the
  *                  variance of an innovation; numbers divided by the sd of a sensor (the
  *                  sd may be as small as 1e-5); stored samples of lags and delays
- *   MOST_VARIANCE  elements of D in the covariance U D U', and tse_kalman.moved, in
- *                  squared units of the state. Even if the motion of the car is unknown,
- *                  its variances are smaller
+ *   MOST_VARIANCE  [squared unit of the state] elements of D in the covariance U D U',
+ *                  and tse_kalman.moved. The variances of an unknown motion are smaller
  *   MOST_U         elements u of U in U D U': sqrt(MOST_VARIANCE/MIN_D). In fixed point u
  *                  is limited by its type
  *   MOST_PART      d u^2, the part that an element u of U adds to a variance, d being the

@@ -4,8 +4,8 @@
 #include "number/vector.h"
 
 #define MAX_SUBSTEP TSE_R(0.011) /* [s] max substep of the integration; a row of 10 ms is one substep */
-#define RADIUS_LOSS TSE_R(0.005) /* [1] share of the rolling radius that is lost under the static load: 8 % of
-                                  * a deflection of 20 mm, divided by a radius of 0.32 m */
+#define RADIUS_LOSS TSE_R(0.005) /* [1] relative decrease of the rolling radius under the static load: a tyre
+                                  * deflection of 20 mm decreases the radius of 0.32 m by 8 % of 20 mm */
 
 /* Longitudinal or lateral force of a tyre. Forces are divided by the mass of the car. */
 typedef struct tyre {
@@ -182,15 +182,14 @@ static void add_slope(tse_short *row, int j, tse_real more)
 /* Advance velocities and roll by a substep h, and their rows of M (see car_move()) by the
  * chain rule. The yaw rate comes first, so that the velocities use its value at mid-step.
  *
- * The forces f are computed from the slip angles at mid-step, and these from the
- * velocities at the start of the substep. f is therefore corrected here for the change of
- * the velocities until mid-step. Without the correction the error of the scheme would be
- * of first order if the relaxation of the slip angles takes less time than a substep.
+ * The slip angles at mid-step, which determine the forces f, were computed with the
+ * velocities at the start of the substep. This function corrects f for the change of the
+ * velocities until mid-step. Without the correction the error would be of first order in
+ * the substep if the slip angles relax in less than a substep.
  *   Given:    f       forces at mid-step, without this correction
- *             follow  [s/m] decrease of a slip angle until mid-step, per increase of the
- *                     lateral speed of the axle: share/v. `share` (0 .. 1) is the part of
- *                     the way to the kinematic slip angle that the slip angle covers in
- *                     half a substep. v is the speed of the car
+ *             follow  [s/m] -(d slip angle at mid-step)/(d lateral speed of the axle):
+ *                     the result of move_slip_angles() for half a substep, divided by the
+ *                     speed of the car
  *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])
@@ -255,9 +254,9 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
 
 /* Advance the slip angles and their partial derivatives M by h. Velocities and roll are
  * constant, with their values at mid-step. The steering angle is a ramp. It is replaced
- * by the constant angle that gives nearly the same slip angle at the end. This is the
- * angle of the ramp at mid-step if the relaxation takes much longer than h. The faster
- * the relaxation, the later on the ramp this angle lies, up to its end.
+ * by the constant angle that gives nearly the same slip angle at the end. If the
+ * relaxation takes much longer than h, this is the angle in the middle of the ramp. If it
+ * takes much less time than h, this is the angle at the end of the ramp.
  *   Given:     side  [m/s2] lateral force of the front axle
  *              from  [rad] steering angle at the start of h, after its latency
  *              rate  [rad/s] rate of the steering angle

@@ -113,11 +113,11 @@
 /* Extra states, which are needed only if velocities are measured. In the state vector
  * they follow the states above. */
 #define EXTRA_ROWS(ROW) \
-  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, from the direction in which gnss_course is 0 */ \
+  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, positive left; 0 where gnss_course is 0 */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] true lateral speed minus lateral speed of the model */ \
   ROW(V_SCALE,       0.01, 0.5) /* [1] scale error: measured/true velocity - 1 */ \
   ROW(V_TURN,        0.01, 1)   /* [rad] angle from the axes of the car to those of the INS */ \
-  ROW(V_LATE,        0.02, 0.3) /* [s] latency of the velocities, minus the setting */ \
+  ROW(V_LATE,        0.02, 0.3) /* [s] latency of the velocities, minus the setting velocity_latency */ \
   ROW(V_LEVER_X,     0.2,  30)  /* [m] position of the velocity sensor, ahead of the centre of gravity */ \
   ROW(V_LEVER_Y,     0.2,  30)  /* [m] position of the velocity sensor, left of the centre of gravity */
 /* clang-format on */
@@ -144,8 +144,8 @@ enum {
  * The parameters before CONSIDER_SCALE belong to the car. In a matrix of partial
  * derivatives, the columns of these parameters follow the columns of the states. The
  * parameters from CONSIDER_SCALE on belong to the sensors. The public enumeration
- * TSE_CONSIDER_... (tse/config.h) uses the same names. That enumeration also has some
- * states and the model error, and it has one relaxation length for both axles. */
+ * TSE_CONSIDER_... (tse/config.h) is a different list: it also has some states and the
+ * model error, and one relaxation length for both axles. */
 #if defined(TSE_SMALL)
 #define KNOWN_NAME(name) name,
 enum {
@@ -153,7 +153,7 @@ enum {
   CONSIDER_LATE, /* latency of the steering angle, which is not a state in this build */
   CONSIDER_SCALE,
   CONSIDER_GYRO,
-  CONSIDER_INERTIA, /* the columns of this and the following parameters are never read */
+  CONSIDER_INERTIA, /* from here on: parameters that this build does not consider */
   CONSIDER_TRAIL,
   CONSIDER_RELAXATION_FRONT,
   CONSIDER_RELAXATION_REAR,

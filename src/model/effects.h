@@ -89,7 +89,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
 /* Hooks STIFFNESS and GRIP: apply the effects that change the stiffness. Those of hook
  * GRIP act after those of hook STIFFNESS. They reduce the lateral stiffness to the secant
  * stiffness, i.e. force / slip angle, at the slip angles in pt->s.
- *   Updated:  pt->k  given: stiffness without effects */
+ *   Updated:  pt->k  in: stiffness without effects, out: with effects */
 static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;

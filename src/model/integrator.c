@@ -41,8 +41,8 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 }
 
 /* Factors of the matrix 1 - gh J (1: identity matrix). In the integration method ROS2
- * (vehicle.h) gh is g h: h is the step, and g the constant ROS2. In the implicit Euler
- * method gh is h. J contains only the stiff part of the Jacobian: the block of vx and
+ * (vehicle.h) gh is the step h times the constant ROS2. In the implicit Euler method gh
+ * is h. J contains only the stiff part of the Jacobian: the block of vx and
  * both wheel speeds, and the block of vy and r. The damping by a saturated tyre is
  * computed with its secant stiffness, which overestimates the damping. This keeps the
  * step stable, and the order of ROS2 does not depend on J.
@@ -53,7 +53,7 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2];     /* [1] gh times the decrease of Fx/m per vx, for each axle at constant wheel speed */
+  tse_real pull[2];     /* [1] -gh d(Fx/m)/d(vx) of each axle, at constant wheel speed */
   tse_real inv_turn[2]; /* 1/(diagonal element of 1 - gh J for a wheel speed); 0: wheel speeds are inputs */
   lateral_block side;
   /* for each LAG state, in the order of point.target: slow = 1/(1 + gh rate), b as above,
@@ -130,9 +130,10 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
                            : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* k of a LAG state is own[i] plus b[i] times the rate at which k of the motion changes
-   * the kinematic slip. v is the denominator of slip or slip angle: d alpha/d vy = -1/v,
-   * d alpha/d r = -lf/v and lr/v, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+  /* For LAG state i, k is own[i] + b[i] dalpha. dalpha is the rate of change of its
+   * kinematic slip or slip angle that follows from k[0] .. k[TURNS + 1]. With the
+   * denominator v of slip or slip angle: d alpha/d vy = -1/v, d alpha/d r = -lf/v and
+   * lr/v, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
@@ -193,12 +194,12 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
  * (vehicle.h).
  *
  * If a wheel may lock, the stages of ROS2 would jump over the change of sign of the brake
- * torque. Then use the implicit Euler method, with the inputs at the end of h. A brake
- * enters its matrix by the secant, torque / v, i.e. the torque is proportional to the
- * wheel speed at the end of h. It therefore vanishes with this speed, and no brake torque
+ * torque. Then use the implicit Euler method, with the steering angle and the torques at
+ * the end of h. Its brake torque is proportional to the wheel speed at the end of h, with
+ * the ratio torque / v at the start. It vanishes with this speed, so that a brake never
  * turns a wheel backwards.
- *   Updated:   at  if a wheel may lock, evaluated with the inputs at the end of h;
- *                  otherwise unchanged
+ *   Updated:   at  if a wheel may lock: evaluated with the steering angle and the torques
+ *                  at the end of h; otherwise unchanged
  *   Returned:  dx */
 static void compute_change(
     tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[STATE_SIZE])
@@ -253,7 +254,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 {
   pt->ahead = TSE_R(0);
   for (int i = 0; i < 3; i++) m->mode[i][0] = m->mode[i][1] = TSE_R(0);
-  for (int pass = 0; pass < 3; pass++) { /* 0: slips; 1: forces and roll; 2: slips with roll steer */
+  for (int pass = 0; pass < 3; pass++) { /* pass 0 sets slips, 1 forces and roll, 2 slips with roll steer */
     effects_at(p, m, m->lag, k, pt);
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);

@@ -68,9 +68,9 @@ typedef struct reading {
 
 /* Store a new sample in a delay line. If the two newest stored samples are less than 1/9
  * of the delay apart, the new sample replaces the newest one. Otherwise it is added, and
- * the oldest one is discarded if the line is full. Of the 11 intervals between the
- * TSE_DELAY_ROWS samples of a full line, all but the newest thus last at least 1/9 of
- * the delay, and together span it.
+ * the oldest one is discarded if the line is full. A full line has TSE_DELAY_ROWS = 12
+ * samples, i.e. 11 intervals. Each but the newest lasts at least 1/9 of the delay, so
+ * that these 10 intervals span more than the delay.
  *   Given:    delay     [s] delay that the stored samples must span
  *             dt        [s] time since the last call
  *             value     new sample of each channel

@@ -34,7 +34,7 @@
 typedef struct common {
   observation_gains g;        /* gains of h and d of (9); 0 if the measurement is missing */
   tse_real l[3];              /* (P + R)^-1/2, R = 1: factor that whitens the innovation */
-  tse_real gain[3];           /* K (P + R)^1/2 of (19): bias gain for the whitened innovation given w */
+  tse_real gain[3];           /* K (P + R)^1/2, (19): bias correction per whitened y - h - d w - b */
   tse_real max_bias[3];       /* [sigma] max magnitude of a bias */
   tse_real nut;               /* nu - d_w + 1 = nu - 2 of (22): degrees of freedom */
   tse_real a;                 /* factor a of (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu */
@@ -69,7 +69,7 @@ TSE_INLINE void condition_on_channel(
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* a saturated sum below r would give too large a density and weight */
+#if defined(TSE_REAL_FIXED) /* saturation may make the sum less than r, and the weight too large */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;

@@ -23,7 +23,7 @@ static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 }
 
 /* Return position k of n positions on the cumulative weights, within [0, total):
- * (k + u) share, share = total/n. */
+ * (k + u) share, with u in (0, 1) and share = total/n. */
 static tse_real compute_position(tse_real share, int32_t k, tse_real u)
 {
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));

@@ -31,15 +31,15 @@ static tse_real find_max_wheel_speed(const sample *y)
  * Let w be the relative deviation of the stiffness from nominal, and the regressor phi
  * the derivative of the measured acceleration with respect to w, divided by the sd of the
  * accelerometer (an element of d of (9)). In every sample, w differs at random from its
- * mean, with the sd `spread`. The noise variance of a sample, divided by the variance of
- * the accelerometer, is therefore 1 + phi^2 spread^2. A mean of w that is estimated from
- * `memory` samples then has the variance
- *   (1 + E[phi^2] spread^2)/(memory var(phi)).
+ * mean, with the sd stiffness_spread (s). The noise variance of a sample, divided by the
+ * variance of the accelerometer, is therefore 1 + phi^2 s^2. The mean of w, estimated
+ * from n = p->memory samples, then has the variance
+ *   (1 + E[phi^2] s^2)/(n var(phi)).
  * The stiffness counts as excited if this variance is at most valid_sd^2. Otherwise its
- * estimate is reported, but as not valid. E and var are taken over the last 2 `memory`
- * samples, because after a change the estimated velocity takes longer to settle than the
- * estimated stiffness. Regressors are low-passed first, because noise of a wheel speed
- * looks like slip but does not move the car. */
+ * estimate is reported, but as not valid. E and var are taken over about 2 n samples,
+ * because the estimated velocity, from which phi is computed, settles more slowly than
+ * the estimated stiffness. Regressors are low-passed first, because noise of a wheel
+ * speed looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
@@ -140,7 +140,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   c->v_rear = y.u.v_rear;
 
   memset(&now, 0, sizeof now);
-  if (k.gap) y.dt = p->sample_time; /* forgetting, (17), takes a gap as one sample time */
+  if (k.gap) y.dt = p->sample_time; /* forgetting, (17), counts a gap as one sample time */
   if (k.held || k.predicted) report_held(p, f, &now);
   else {
     paper_update(p, f, &y, &now, &evidence);
