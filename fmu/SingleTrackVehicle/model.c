@@ -177,9 +177,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
     /* tse_sim_step() changes the inputs linearly from sim.last to `to`. Replace sim.last
-     * by the new inputs, so that the inputs jump at the start of the step. Only
-     * road_level and road_friction stay those of the row at the start of the step: when
-     * the simulator logged this row, it drew the tyre stiffness of the step for them. */
+     * by the new inputs, so that the inputs jump at the start of the step. Keep
+     * road_level and road_friction of sim.last: those of a row apply until the next row,
+     * and the stiffness of this step was drawn with this road_level. */
     from.road_level = m->sim.last.road_level;
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;

@@ -312,12 +312,12 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* Choose the text of the warning. glue_step() logs the text only if it differs from the
-   * text of the previous step. `status` is the largest code of all warnings of the step.
-   * While a channel is missing, `status` can alternate between TSE_W_MISSING_CHANNEL and,
-   * for example, TSE_W_HELD. To log one warning and not one at each change, use a text
-   * that names the missing channel. Exception: a status of TSE_W_GAP or above is more
-   * important than a missing channel, and the text describes the status. */
+  /* Warn of a missing channel, or of a `status` (largest warning code of the step) from
+   * TSE_W_PREDICTED on. TSE_W_WAITING alone is normal: a channel has a latency. If a
+   * channel is missing, name it, unless `status` is TSE_W_GAP or above, which is more
+   * important. glue_step() logs a text only when it changes, and therefore names the
+   * missing channel once. The text of `status` could change in every step, for example
+   * from that of TSE_W_MISSING_CHANNEL to that of TSE_W_HELD. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

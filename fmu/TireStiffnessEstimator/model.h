@@ -32,7 +32,7 @@ typedef struct model {
   int32_t rows;           /* 0: no row has been processed; 1: there has been a row */
   double time;            /* [s] time of the last row */
   tse_params params;
-  tse_filter_paper memory; /* Kalman filter (smaller than this type) or particle filter */
+  tse_filter_paper memory; /* the particle filter; the Kalman filter uses only its first member */
 } model;
 
 #endif

@@ -233,9 +233,10 @@ static void print_variable2(int32_t index)
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* Print a variable for FMI 3.0. An element of fmu_variables has the same name and value
- * reference as for FMI 2.0.
- *   Given:  count  number of elements: 1 for a scalar, more for an array */
+/* Print a variable for FMI 3.0.
+ *   Given:  v      an element of fmu_variables (name and value reference as in FMI 2.0),
+ *                  an array, or fmu_time
+ *           count  number of values: 1 for a scalar, more for an array */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
   (void)printf("    <%s", get_type_name(v, 3));

@@ -35,9 +35,9 @@ typedef struct fmu_variable {
   const char *text; /* description */
 } fmu_variable;
 
-/* Initialisers of the fmu_variable of a parameter. The tables of settings in
- * src/tables/settings.h call PARAMETER for a real setting and WHOLE_PARAMETER for an
- * integer setting. The value of the parameter is the member `name` of model.config. */
+/* Make the element of fmu_variables for a setting: PARAMETER for a real setting,
+ * WHOLE_PARAMETER for an integer. The tables in src/tables/settings.h call these macros.
+ * `fmu` is the name in the FMU; the value is the member `name` of model.config. */
 #define PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'r', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
 #define WHOLE_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
@@ -81,9 +81,7 @@ typedef struct fmu_info {
 } fmu_info;
 extern const fmu_info fmu_about;
 
-/* Pass all codes of all enumeration types to the function `row`, one code per call, type by
- * type. describe.c prints the codes in this way. `to` is the first argument of each call
- * of `row`, for data of the caller. */
+/* Call row(to, ...) once for each code of each enumeration type, type by type. */
 typedef void fmu_code_row(void *to, const char *type, int32_t code, const char *name, const char *text);
 void model_list_codes(fmu_code_row *row, void *to);
 

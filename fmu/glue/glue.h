@@ -238,7 +238,7 @@ void glue_mark_stale(instance *s);
     if (nvr == 0) return (fmi_status)glue_check_empty(s, count, function);                               \
     if (!glue_check_variables(s, vr, nvr, value, count, kind, #Type, function))                          \
       return (fmi_status)GLUE_ERROR;                                                                     \
-    /* check all values before setting one. Arrays are outputs and refused, so vr[i] has only value[i] */\
+    /* check all values before setting one. Only scalars can be set, so vr[i] has the value value[i] */  \
     for (size_t i = 0; i < nvr; i++)                                                                     \
       if (!glue_check_value(s, glue_find_variable(s, vr[i]), (double)(to_number), function))             \
         return (fmi_status)GLUE_ERROR;                                                                   \

@@ -2,9 +2,9 @@
  *
  * This header is for programs that use the library; the library itself does not include
  * it. NaN stays NaN. In a fixed-point build, a value beyond +-2^28, infinity included,
- * becomes +-2^28. This limit is outside the range of every setting and every channel.
- * Therefore tse_prepare() refuses such a setting. tse_step() refuses a row with such a
- * dt, steering angle or wheel speed, and treats any other such channel as missing. */
+ * becomes +-2^28, which is outside the range of every setting and channel. tse_prepare()
+ * refuses a setting out of range. tse_step() refuses a row whose dt, steering angle or
+ * wheel speed is out of range; any other channel out of range counts as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 

@@ -109,8 +109,8 @@ typedef struct tse_effect_parameter {
                                   * that is never fitted, because logs do not show its influence separately
                                   * from the influence of the strength */
   int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
-  double def, lo, hi;            /* value for a simulated car, set by tse_config_exact() (0 for most
-                                  * strengths), min, max */
+  double def, lo, hi;            /* def: value for a simulated car (tse_config_exact()), 0 for most
+                                  * strengths; lo, hi: min, max */
   double typical_lo, typical_hi; /* range of the magnitude of the parameter in mid-size cars */
   double negligible;             /* difference from `def` below which a strength is negligible. `tselab gap`
                                   * does not report an effect if all its strengths are negligible. 0 for a

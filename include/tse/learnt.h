@@ -97,8 +97,9 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *                                    variance of the mean (above), at most spread_max^2.
  *                                    Reason: the road surface may be different now, and
  *                                    a larger process variance lets the particles follow
- *                                    the change. Against new samples, it has the weight
- *                                    of initial_dof samples
+ *                                    the change. The degrees of freedom nu start at
+ *                                    initial_dof, not at the saved nu, so that new
+ *                                    samples weigh more
  *              bias                  Its variance grows at the rate of the random walk
  *                                    *_bias_walk, up to *_bias_sd^2. Meanwhile its mean
  *                                    decays, and is 0 when the variance reaches this

@@ -28,7 +28,7 @@
 #endif
 
 #if defined(TSE_REAL_STRONG)
-/* For a test that compiles the core as C++. Its number type is a class without the
+/* For a test that compiles the core as C++. tse_real is then a class without the
  * operators * and / (tests/unit/strong_real.hpp). A product or quotient that is not
  * computed by a function of src/number/real_ops.h is therefore a compile error. */
 #include "strong_real.hpp"

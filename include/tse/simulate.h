@@ -135,8 +135,8 @@ typedef struct tse_sim tse_sim;
 struct tse_sim {
   tse_params_bytes params;
   /* inputs of the last row, from which the inputs of the next step start.
-   * fmu/SingleTrackVehicle overwrites them before a step, so that its inputs change
-   * abruptly at the start of the step, not linearly during the step */
+   * fmu/SingleTrackVehicle with ramp = 0 overwrites them before a step: the inputs then
+   * jump at the start of the step */
   tse_sim_input last;
   tse_sim_bytes bytes;
 };
