@@ -31,12 +31,10 @@ TIME_WORDS = (
 # Max share of the filled cells of a column that are neither a number nor one of
 # MISSING_WORDS. A column with a larger share is not used
 MAX_WRONG = 0.05
-# Guess of the unit of a time column whose unit is unknown, from the median step between
-# rows in this unit. Each entry is: max median step, unit, length of the unit [s]. The
-# first entry whose max is not exceeded gives the unit. The usual step of a log is 1 ms to
-# 1 s, i.e. 0.001 to 1 in s, 1 to 1000 in ms, and 1000 to 1e6 in us. The max of ms and the
-# max of us are twice as large, so that steps up to 2 s are recognised as well. The max of
-# s is not: a step of 2 is taken as 2 ms (500 rows per s).
+# Guess of the unit of a time column from the median step between its rows. Each entry is:
+# max step in this unit, unit, length of the unit [s]. The first entry whose max is not
+# exceeded gives the unit. Steps are expected to be 1 ms to 2 s. Steps above 1 s are only
+# recognised in ms, us and ns: a step of 2 is taken as 2 ms (500 rows per s), not as 2 s.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
@@ -180,8 +178,8 @@ def can_be_time(place: int, name: str, unit: str) -> bool:
 
 
 def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -> int | None:
-    """Return the index of the time column. Return None if the table has no time column,
-    but the option how.step gives the time between rows. Raise UserError otherwise."""
+    """Return the index of the time column. If there is none, return None if the option
+    how.step gives the time between rows, otherwise raise UserError."""
     names = [c.name for c in columns]
     if how.time is not None:
         if how.time not in names:
@@ -318,16 +316,14 @@ def correct_time_units(
     """Return channels with their times in s, for a format that prescribes s.
 
     Some recorders write ms, us or ns although the format prescribes s. A group is the
-    channels that share one array of times. If the median step of a group is above 2
-    (MAX_GROUP_STEP), its times are probably not in s, because logs have a row at least
-    every 2 s.
+    channels that share one array of times. A group is suspect if its median step exceeds
+    2 (MAX_GROUP_STEP), because logs have a row at least every 2 s.
 
-    If all groups have such a large step, all times get the same unit: the unit that
-    TICK_UNITS gives for the shortest of the median steps. If only some groups have a
-    large step, their durations (last time - first time) are compared with the median
-    duration of the groups with small steps, which are in s. A group is in ms if its
-    duration is 1000 times as large, in us if 1e6 times, and in ns if 1e9 times, each
-    within DURATION_TOLERANCE. For other ratios, the times of the group stay as they are.
+    If all groups are suspect, TICK_UNITS gives one unit for all times, from the smallest
+    of the median steps. If only some are suspect, the other groups are in s. A suspect
+    group is in ms, us or ns if its duration (last time - first time) is 1e3, 1e6 or 1e9
+    times the median duration of the groups in s (+- DURATION_TOLERANCE). For a different
+    ratio, its times are not changed.
 
     Parameters
     ----------
@@ -481,7 +477,8 @@ def _convert_dates(x: pd.Series) -> np.ndarray:
 def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
     """Return dates in s since 1970, or times of day in s since midnight.
 
-    Strings that are neither become NaN."""
+    The first string decides between the two. Strings that cannot be read become NaN.
+    Raise UserError if no more than half of the strings are dates."""
     text = text.str.replace(r"(\d{1,2}:\d{2}:\d{2}),(\d)", r"\1.\2", regex=True)
     first = str(text.dropna().iloc[0]) if text.notna().any() else ""
     if re.fullmatch(r"\d{1,3}:\d{2}(:\d{2})?(\.\d+)?", first):

@@ -22,8 +22,8 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND_FILL, SPREAD_FILL, SHADE_FILL = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-# Number of rows of a column of the log that are thinned in one call of thin_rows(). It is
-# a multiple of the stride, because both are powers of two
+# Number of rows of a column of the log that one call of thin_rows() thins. As a power of
+# two, it is a multiple of the number of rows that thin_rows() replaces by two values
 THIN_ROWS = 1 << 18
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
 # The noise ratio of a channel is its estimated noise sd / its noise sd in the settings.
@@ -125,11 +125,10 @@ def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# A reference column is a column of the log whose name begins with ref_. No filter uses
-# it: it has the values of a more accurate sensor or of the simulator, and is drawn beside
-# the estimate of its quantity. Its name is ref_<quantity>, or a name in this table (name
-# in common loggers -> quantity), or ref_wheel_ with f or r for front or rear. A suffix
-# may follow: ref_speed_2 has the quantity vel_x.
+# A reference column (name ref_...) has the values of a more accurate sensor or of the
+# simulator. No filter uses it: it is drawn beside the estimate of its quantity. Its name
+# is ref_<quantity>, or one of this table (name -> quantity). Wheel speeds have ref_wheel_
+# or ref_wheel_speed_ with f (front) or r (rear). A suffix can follow, as in ref_speed_2.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
@@ -205,11 +204,10 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
     """Return for each block of `stride` rows the index of the row with the min of `y`,
     twice.
 
-    At these rows, the probabilities of the regimes are drawn. `y` is the probability of
-    the regime "steady". It is low during an event, so the row with its min shows even a
-    short event. The probabilities of all regimes are taken from the same row, so that
-    their sum is 1. Each index is returned twice, because the other lines have two values
-    for each block (thin_rows()).
+    The probabilities of all regimes are drawn at these rows, so that their sum is 1. `y`
+    is the probability of the regime "steady". It is low during an event, so even a short
+    event is drawn. Each index is returned twice, because thin_rows() gives two values for
+    each block.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -219,17 +217,16 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def find_block_stride(rows: int) -> int:
-    """Return the stride of thin_rows() for a log with this number of rows. The stride is
-    a power of two up to BLOCK. BLOCK, the number of rows of a block of estimates, is a
-    power of two as well, and thus a multiple of the stride."""
+    """Return the stride of thin_rows() for a log with this number of rows: a power of two
+    that divides BLOCK, the number of rows of a block of estimates."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
 class Data:
     """The lines of the figures, thinned to the resolution of a screen.
 
-    A run adds its estimates block by block. The number of rows of every block, except the
-    last one, is a multiple of `stride`."""
+    A run adds its estimates block by block. `stride` rows are thinned to two values. So
+    every block, except the last one, must have a multiple of `stride` rows."""
 
     def __init__(self, log: CheckedLog):
         self.stride = find_block_stride(len(log))
@@ -503,9 +500,9 @@ def draw_stiffness(
 ) -> Figure:
     """Return the figure of the stiffnesses: means and their 95 % intervals.
 
-    The paper's filter (a particle filter) also estimates the spread of a stiffness: the
-    sd with which the stiffness scatters about its mean from row to row of the log. For
-    this filter, the interval mean +- 1.96 spread is drawn as well.
+    The particle filter also estimates the spread of a stiffness: the sd with which the
+    stiffness scatters about its mean from row to row. For this filter, the interval
+    mean +- 1.96 spread is drawn as well.
 
     Means that are not valid are grey. When the mouse is over a point, its value and the
     reason why it is not valid are shown.

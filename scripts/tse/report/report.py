@@ -24,10 +24,9 @@ from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import list_run_facts
 
-# Max number of stretches of road with cards. A stretch of road is the part of the drive
-# from one detected change of the stiffness to the next. For each stiffness on a stretch,
-# a card shows value and verdict (usable, usable in part, not valid). The table below the
-# cards lists all stretches.
+# Max number of stretches of road with a box for each stiffness, which shows value and
+# verdict (usable, usable in part, not valid). A stretch is the part of the drive from one
+# detected change of the stiffness to the next. A table below lists all stretches.
 MAX_CARDS = 6
 MAX_TABLE_EVENTS = 200  # max number of events in the table
 GZIP_LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
@@ -46,9 +45,9 @@ def write_report(
 ) -> None:
     """Write the report of a run.
 
-    `data` has the lines of the plots, and `judged` has the changes and the findings of
-    the run. Either of the two is computed from the table of `est` if it is None.
-    `contradictions` has the same meaning as in make_findings()."""
+    `data`: lines of the plots. `judged`: detected changes of the stiffness, and findings.
+    None: computed from `est.table`. `contradictions`: warnings that channels contradict
+    each other or the vehicle file; used only if `judged` is None."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
@@ -105,9 +104,9 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
     """Write a self-contained HTML page.
 
     `sections` has title, text and figure of each section. The figure is a plots.Figure or
-    a plotly figure. A section whose figure is None is left out. `words` are further
-    variables of the template, except for the keyword `filters`: a dict of the functions
-    that the template uses as jinja2 filters, name -> function."""
+    a plotly figure. A section whose figure is None is left out. `words`: further
+    variables of the template. The keyword `filters` is no variable, but has the jinja2
+    filters of the template: name -> function."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
@@ -137,11 +136,9 @@ def list_events(
     time. An event is a change of the stiffness, or an interval in which a sensor was at
     fault or the wheels slid.
 
-    For a change, the string of the probability is empty, because the filter does not
-    estimate the probability that a change is real. If there are more than
-    MAX_TABLE_EVENTS events, return those with the largest Spell.probability (of a fault
-    or of sliding) or Change.probability. Change.probability is the probability that
-    neither a further change nor a sensor fault has begun since this change."""
+    At most MAX_TABLE_EVENTS events are returned: those with the largest `probability`
+    (attribute of Change and Spell). For a change, the string of the probability is empty,
+    because Change.probability is not the probability that the change is real."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, "", c.effect) for c in changes]
     for s in spells:
         when, shown = f"{s.start:.2f} .. {s.end:.2f} s", regimes.format_percent(s.probability)

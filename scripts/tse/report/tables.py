@@ -115,11 +115,9 @@ def sim_settings_table() -> str:
 def example_vehicle() -> str:
     """Return an example of a vehicle file, with a comment on each key, for users to edit.
 
-    The required keys have the values of the built-in car. The lines of all other keys are
-    commented out: their values are examples and do not hold for the user's car. If these
-    lines were active and a user left them unchanged, the sensors and stiffnesses of a
-    different car would cause wrong estimates. For a key that is commented out, a run
-    takes the value of an ordinary car, and an sd that allows for its error."""
+    The required keys have the values of the built-in car. All other keys are commented
+    out, because their values do not hold for the user's car. For these keys, a run takes
+    the values of an ordinary car, and sds that allow for their errors."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]

@@ -51,10 +51,9 @@ COLUMN_RANGES = {  # column -> unit, minimum, maximum
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # [m] mean radius of the earth
-# [m] The derivative of bank or grade with respect to distance is the difference of the
-# values at two places this far apart / this distance. A profile that was fitted to logs
-# has knots 40 m apart and is linear between them. 5 m is much less than 40 m, so that
-# both places usually lie between the same two knots, where the derivative is constant.
+# [m] step of the finite difference that gives the derivative of bank or grade with
+# respect to distance. A profile fitted to logs is linear between knots 40 m apart. A step
+# much shorter than 40 m usually lies between two knots, where the derivative is constant.
 SLOPE_DISTANCE = 5.0
 # [m] sd of the Gaussian window that smooths the curvatures of log and road before they
 # are compared. A car needs about 15 m to turn from a straight into a bend. The value is

@@ -43,10 +43,8 @@ PLACE_STEP = 2.5  # [m] spacing of the places of road and log: a third of SMOOTH
 # [m] max distance between the position of a car on the road and the path of the road. It
 # allows for a car four lanes (15 m) beside the path, or for a poor GNSS receiver.
 MAX_OFF_ROAD = 15.0
-# [m] When the nearest place of the road is searched, a difference between the direction
-# of driving and the direction of the road counts as an additional distance between car
-# and road. This value is the additional distance for opposite directions. It exceeds
-# MAX_OFF_ROAD, so a car that drives against the direction of the road is off the road.
+# [m] distance that is attributed to a car that is on the road, but drives in the opposite
+# direction. It exceeds MAX_OFF_ROAD, so such a car counts as off the road.
 DIRECTION_DISTANCE = 20.0
 # [m/s] Below this speed, the car is taken to stand. Its true yaw rate is then 0, so the
 # measured yaw rate is the bias of the gyro.
@@ -90,13 +88,13 @@ MIN_TURN = 1.0
 # turns less may match by chance: a stretch with 3.6 rad of a winding road was found to
 # match the same road reversed or mirrored.
 SURE_TURN = 6.0
-# [1] The place of a stretch is ambiguous if the curvature of the log also correlates with
-# the curvature of a different part of the road: if this correlation exceeds (correlation
-# with the part of the road on which the stretch was found) - (this value).
+# [1] The place of a stretch is ambiguous if the curvature of the log correlates with a
+# different part of the road almost as well: by less than this value worse than with the
+# part on which the stretch was found.
 SAME_ALIKE = 0.05
-# [1] A short road or log may turn by less than SURE_TURN. So a stretch whose turning is
-# below SURE_TURN is accepted as well if its turning exceeds this share of the turning of
-# the whole road or of the whole log, whichever turns less.
+# [1] A stretch that turns by less than SURE_TURN is accepted as well if it has more than
+# this share of the turning of the whole road or of the whole log, whichever turns less.
+# So a short road or log can be matched.
 SURE_SHARE = 0.8
 # [1] The match of a log gives the ratio: distance along the road / distance from the
 # wheel speeds. If the ratio differs from 1 by more than this value, e.g. due to a wrong
@@ -436,11 +434,11 @@ def _find_round(road: Road) -> tuple[int, int] | None:
     MAX_OFF_ROAD of this place again, more than MIN_ROUND later. The round ends where the
     path is nearest to the beginning during this first return.
 
-    Without positions, the round begins at the first place, and lengths L of the round
-    from MIN_ROUND on are tried. A length must meet two conditions: the curvature of the
-    path and the same curvature shifted by L correlate (MIN_ALIKE), and the path computed
-    from the curvature returns after L to within MAX_CLOSURE x L of its beginning. The
-    first such L is taken, or one of the next 9 places if the correlation is higher there.
+    Without positions, the round begins at the first place. Its length L is the first one
+    above MIN_ROUND that meets two conditions: the curvature of the path and the same
+    curvature shifted by L correlate (MIN_ALIKE), and the path computed from the curvature
+    returns after L to within MAX_CLOSURE x L of its beginning. Of the place at L and the
+    next 9 places, the round ends at the one where the correlation is highest.
     """
     s = road.distance
     if road.x is not None:
@@ -663,10 +661,9 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # came[i] has codes of the most probable state before step i. came[i, p] is the code
-    # if the state after step i is the place p: 0 for p, 1 for p - 1, 2 for p - 2, 3 for
-    # "elsewhere". came[i, n] is the code if the state after step i is "elsewhere": 0 for
-    # "elsewhere", 1 for the place left[i].
+    # Most probable predecessors of the states in step i, as codes. came[i, p] is for the
+    # place p: 0 is p, 1 is p - 1, 2 is p - 2, 3 is "elsewhere". came[i, n] is for
+    # "elsewhere": 0 is "elsewhere", 1 is the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     # left[i] is the place from which the car leaves the road, if it leaves it in step i
     left = np.zeros(steps, np.int64)
@@ -707,12 +704,12 @@ def _accept_stretches(
 ) -> npt.NDArray[np.int64]:
     """Return the places, with -1 in stretches of low correlation or little turning.
 
-    In a stretch, the correlation of the curvatures of log and road must exceed MIN_ALIKE.
-    In addition, the turning in the stretch, i.e. the integral of |curvature| of the road
-    over it, must exceed a limit. The limit is the smallest of three values, but at least
-    MIN_TURN: SURE_TURN, SURE_SHARE x turning of the whole road, and SURE_SHARE x turning
-    of the whole log. `its`: curvatures of the road at its places. `turn`: curvatures of
-    the log at its steps. `step`: [m] spacing of places and steps."""
+    Turning is the integral of |curvature|. A stretch is accepted if the correlation of
+    the curvatures of log and road exceeds MIN_ALIKE, and the turning of the road over the
+    stretch exceeds max(MIN_TURN, min(SURE_TURN, SURE_SHARE x turning of the whole road,
+    SURE_SHARE x turning of the whole log)). `its`: [1/m] curvature of the road at its
+    places. `turn`: [1/m] curvature of the log at its steps. `step`: [m] spacing of places
+    and of steps."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
@@ -728,10 +725,10 @@ def _is_ambiguous(
 ) -> bool:
     """Return whether the longest stretch also matches a different part of the road.
 
-    The part of the road on which the stretch was found is shifted along the road. The
-    stretch matches a shifted part if its correlation with the shifted part exceeds a
-    limit. The limit is its correlation with the found part minus SAME_ALIKE. `its`,
-    `turn`, `step`: as in _accept_stretches()."""
+    The part of the road on which the stretch was found is shifted along the road, by at
+    least MIN_ROUND. The stretch matches a shifted part if it correlates with it better
+    than with the original part, or worse by less than SAME_ALIKE. `its`, `turn`, `step`:
+    as in _accept_stretches()."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
     min_alike = _correlate(its[part], mine) - SAME_ALIKE

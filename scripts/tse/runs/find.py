@@ -17,9 +17,9 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Suffixes that not only logs have, but also many files that are no logs. If a folder is
-# searched for logs, files with these suffixes are skipped. Such a file is only read if
-# the user names it or gives a glob pattern that matches it.
+# Suffixes of logs that many other files have as well. A file with such a suffix is read
+# only if the user names it or gives a glob pattern that matches it. The search of a
+# folder for logs skips such files.
 AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
 # ends of the names of files that `tselab estimate` writes; these files are not logs

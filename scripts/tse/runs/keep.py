@@ -31,10 +31,9 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 # The stiffnesses of a log are compared with those of the other logs of the same car only
 # if there are at least this many other logs
 MIN_LOGS = 3
-# Max ratio: stiffness in a log / median of this stiffness in the other logs of the car. A
-# warning is given if ln(ratio) exceeds ln(1.3) by more than 2 x (sd / value of the
-# stiffness in the log). Ratios up to 1.3 are normal even if all logs are on dry asphalt:
-# the stiffness varies with the temperature, because warm tyres are softer
+# Max ratio: stiffness in a log / median of this stiffness in the other logs of the car.
+# Smaller ratios are normal even on dry asphalt, because warm tyres are softer. There is a
+# warning if ln(ratio) exceeds ln(1.3) by more than 2 sd of ln(stiffness in the log)
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
@@ -176,13 +175,11 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     """Return a warning for each log in which a stiffness is much larger than in the other
     logs of its car.
 
-    The largest value of a stiffness in a log, relative to nominal, is compared with the
-    median of the largest values in the other logs. Usually most of the other logs are on
-    dry asphalt, where the stiffness is largest. The road surface then cannot explain a
-    value much above the median: car, load or tyres of this log differ from those of the
-    other logs. The warning is wrong if most of the other logs were on slippery roads,
-    e.g. on snow. A stiffness much below the median gives no warning, since wet roads and
-    snow explain it."""
+    For each stiffness, the largest ratio to nominal in a log is compared with the median
+    of this ratio over the other logs. Usually most of these are on dry asphalt, where the
+    stiffness is largest. A ratio much above the median then means that car, load or tyres
+    differ. The warning is wrong if most of the other logs are on snow, for example. A
+    ratio below the median gives no warning, because a wet road explains it."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -207,8 +204,8 @@ def compute_key(task: Task) -> str:
     """Return a digest of everything that the outcome of a log depends on. It is stored
     with the outcome. If a later call finds a different digest, the log runs again.
 
-    For the files of logs, the digest uses their size and modification time instead of
-    their content, because reading a log would take as long as estimating it."""
+    Of log, signals.toml and databases, the digest uses size and modification time instead
+    of the content, because reading a log would take as long as estimating it."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]
@@ -257,8 +254,8 @@ def _shorten_digest(text: str) -> str:
 
 
 def _name_car_files(name: str) -> str:
-    """Return the start of the names of the files of a car: the name of the car. A digest
-    is appended if characters of the name had to be replaced, or if the name has capital
-    letters, because some file systems do not distinguish capital from small letters."""
+    """Return the name of a car for use in names of files. A digest makes it unique if
+    _clean_name() changes it, or if it has capital letters, because some file systems do
+    not distinguish capital from small letters."""
     plain = _clean_name(name)
     return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

@@ -99,7 +99,7 @@ class Car:
 def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
     """Return all cars with their latest usable stiffnesses, sorted by Car.place.
 
-    `done`: all logs. `table`: their rows, from keep.make_table()."""
+    `done`: all logs. `table`: result of keep.make_table()."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     last = known.groupby(["car", "stiffness"], sort=False).tail(1)
     of: dict[str, dict[str, Last]] = {}
@@ -119,7 +119,7 @@ def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
 def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
     """Write the page of a fleet.
 
-    `done`: all logs. `table`: their rows, from keep.make_table()."""
+    `done`: all logs. `table`: result of keep.make_table()."""
     all_cars = list_cars(done, table)
     sections = []
     if any(c.last for c in all_cars):

@@ -57,9 +57,9 @@ class Prepared:
     log: CheckedLog
     config: Config
     notes: list[str]  # sentences of all checks; `warnings` and `doubts` are among them
-    warnings: list[str]  # contradictions between channels; if there is any, no row is valid
-    # possible contradictions, between channels or between log and vehicle file. All of
-    # them become warnings if the estimates show any contradiction between channels
+    warnings: list[str]  # contradictions between channels, implausible mass or axles; if any, no row is valid
+    # possible contradictions, between channels or between log and vehicle file. If the
+    # estimates show that channels contradict each other, all doubts become warnings
     doubts: list[str] = field(default_factory=list)
     # result of calibrating the car on the log itself; None: no calibration was tried
     own: OwnCalibration | None = None
@@ -275,12 +275,11 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return True if the estimates show that channels contradict each other, and the
-    preparation of the run has given no warning.
+    """Return whether the estimates show that channels contradict each other. Return False
+    if `prepared` has a warning of a contradiction already.
 
-    In this case, also add warnings to `prepared`. If the preparation has found possible
-    contradictions (Prepared.doubts), they are now certain and become warnings. If it has
-    found none, the contradiction in the estimates becomes the warning."""
+    If True is returned, add to `prepared.warnings`: the possible contradictions
+    (Prepared.doubts) or, if there are none, the contradiction in the estimates."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""

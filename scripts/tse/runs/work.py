@@ -121,8 +121,7 @@ def _run_log(task: Task) -> Outcome:
         task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
     )
     made = prepared.own.text if prepared.own else ""
-    # a state that was learnt with the uncalibrated car is not valid for
-    # the calibrated car
+    # a state that was learnt before the calibration is not valid with the new parameters
     before = task.learnt if not made else None
     learnt = Learnt(Path("the previous drive"), before, task.age, True) if before is not None else None
     if learnt is not None:
