@@ -28,7 +28,7 @@ for v in "${variants[@]}"; do
   header+=" ${v%%:*}${flag:+, AVX2} |" rule+="---:|"
 done
 rows() {
-  printf '| a row |%s\n|---|%s\n' "$header" "$rule"
+  printf '| filter: time per row |%s\n|---|%s\n' "$header" "$rule"
   printf '%s\n' "${ratios[@]}" | awk '
     { as_it_comes = as_it_comes " " $1 " ns |"; ekf = ekf " " $2 " ns |"; ratio = ratio " " $3 " |" }
     END { print "| default |" as_it_comes; print "| plain EKF |" ekf; print "| ratio |" ratio }'
@@ -37,7 +37,7 @@ if [ "${1:-}" = rows ]; then
   rows
   exit
 fi
-printf '| particles |%s\n|---:|%s\n' "$header" "$rule"
+printf '| particles: time per particle and row |%s\n|---:|%s\n' "$header" "$rule"
 paste -d' ' "${columns[@]}" \
   | awk '{ line = "| " $1 " |"; for (i = 2; i <= NF; i += 2) line = line " " $i " ns |"; print line }'
 rm -f "${columns[@]}"

@@ -288,18 +288,17 @@ HEAD = """\
 Cost of the default filter, compiled by {compiler}. Mean: instructions of a row, mean over
 the recorded drive as an ordinary car. Longest: maximum over the drive and artificial rows.
 Both are at -O3, as in CMakeLists.txt, unless the target names a different level. Flash: at
--Os without effects; `with particles` adds the particle filter. Limits are from
-tests/budgets.toml. Bold: the goal is not met.
+-Os without effects. Limits are from tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\
 Instructions of a row by kind of row, mean / longest. drive: the recorded drive; long: rows
-of 0.1 s at 2.2 m/s and 9 m/s; slow: 2.2 m/s, rows of 10 ms; absurd: wrong values; breaks:
-pauses of 0.11 s and 100 s; missing: channels missing at random; late: the drive with
-delayed steering angle and accel_x."""
+of 0.1 s at 2.2 m/s and 9 m/s; slow: 2.2 m/s, rows of 10 ms; absurd: channels with wrong
+values; breaks: pauses of 0.11 s and 100 s; missing: channels missing at random; late: the
+drive with delayed steering angle and accel_x."""
 FLASH = """\
 Flash of the library on a Cortex-M4F, in float at -Os: settings, step and learnt state, with
-the functions of libc that they call. The first column says which parts are left out."""
+the functions of libc that they call."""
 STACKS = """\
 Stack. written: bytes that `tse_step` overwrote in all these rows; deepest path: sum over the
 deepest path of calls from `tse_step`; `tse_prepare`: bytes that it overwrote."""
@@ -308,7 +307,8 @@ deepest path of calls from `tse_step`; `tse_prepare`: bytes that it overwrote.""
 def format_table(measured: list[Measured], flash: list[Flash]) -> str:
     """Return the tables of all targets in Markdown."""
     lines = [
-        "| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |",
+        "| core, number format | mean [instructions] | longest [instructions] | longest / mean | flash [B] | "
+        "flash with particle filter [B] | RAM [B] | stack [B] |",
         f"|---|{7 * '---:|'}",
     ]
     for x in measured:
@@ -331,21 +331,24 @@ def format_table(measured: list[Measured], flash: list[Flash]) -> str:
         lines += ["", f"Does not fit: {'; '.join(unfit)}."]
     lines += ["", KINDS, ""]
     kinds = ["drive", "long", "slow", "absurd", "breaks", "missing", "late"]
-    lines += [f"| | {' | '.join(kinds)} |", f"|---|{'---:|' * len(kinds)}"]
+    lines += [f"| core, number format | {' | '.join(kinds)} |", f"|---|{'---:|' * len(kinds)}"]
     for x in measured:
         if x.tallies:
             lines.append(
                 f"| {x.name} | {' | '.join(f'{x.tallies[k][1]:,} / {x.tallies[k][2]:,}' for k in kinds)} |"
             )
     lines += ["", STACKS, ""]
-    lines += ["| | written | deepest path | `tse_prepare` |", "|---|---:|---:|---:|"]
+    lines += [
+        "| core, number format | written [B] | deepest path [B] | `tse_prepare` [B] |",
+        "|---|---:|---:|---:|",
+    ]
     for x in measured:
         if x.stacks:
             lines.append(
                 f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} "
                 f"| {x.stacks['prepare']:,} |"
             )
-    lines += ["", FLASH, "", "| | flash [B] |", "|---|---:|"]
+    lines += ["", FLASH, "", "| build | flash [B] |", "|---|---:|"]
     for x in flash:
         said = ", ".join(f"{name} {x.row[name]:,}" for name in ("goal", "limit") if name in x.row)
         bold = "**" if x.size > x.row.get("goal", math.inf) else ""

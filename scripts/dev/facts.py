@@ -74,7 +74,7 @@ def measure_sizes() -> str:
         ):
             found.setdefault(0, {})[real] = int(size)
             found.setdefault(int(capacity), {})[real] = int(large)
-    lines = ["| | double | float | fixed |", "|---|---:|---:|---:|"]
+    lines = ["| struct | double | float | fixed |", "|---|---:|---:|---:|"]
     for n, sizes in sorted(found.items()):
         name = f"`tse_filter_paper`, {n} particles" if n else "`tse_filter`: the default form"
         lines.append(f"| {name} | {' | '.join(f'{sizes[r]:,} B' if r in sizes else '-' for r in FORMATS)} |")

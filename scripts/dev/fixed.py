@@ -177,12 +177,12 @@ def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
         "case",
         "form",
         "drives",
-        "RMS %, double",
-        "RMS %, fixed",
-        "worst change of RMS",
-        "valid %, double",
-        "valid %, fixed",
-        "points",
+        "RMS error [%], double",
+        "RMS error [%], fixed",
+        "largest change of the RMS error",
+        "valid [% of rows], double",
+        "valid [% of rows], fixed",
+        "largest difference of valid [points]",
         "diverged, double / fixed",
         "rows out of range",
         "within limits",
@@ -193,9 +193,9 @@ def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
         "",
         f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: "
         "each case is simulated with seeds 1, 2, ..., in double, and both builds read the same log. The "
-        "particle filter runs on each log with four seeds of its own. RMS: of the relative errors of "
-        "cx_front, cy_front, cy_rear over 15 .. 30 s, as in every study. Valid: share of valid rows after "
-        "5 s. Points: largest difference of these shares, in percentage points. Limits: RMS at most "
+        "particle filter (form paper) runs on each log with four seeds of its own. Cells with three numbers: "
+        "cx_front, cy_front, cy_rear. RMS error: over 15 .. 30 s, as in every study. Valid: of the rows "
+        "after 5 s. Limits: RMS error at most "
         f"{LIMIT['rms']:g} % above that in double, share of valid rows within {LIMIT['valid']:g} points, "
         "no more divergences than in double.",
         "",

@@ -168,7 +168,8 @@ if [ -n "$page" ]; then
     printf 'C targets run with the sanitizers for addresses and undefined behaviour. Inputs/s:\n'
     printf 'measured on a shared machine. Edges: branches of the program that libFuzzer reached.\n'
     printf 'Corpus: number of inputs that each reached new edges. Edges and corpus are not counted for\n'
-    printf 'the readers, which are in Python.\n\n'
+    printf 'the readers, which are in Python. Inputs that found errors are in tests/fuzz/inputs.hex:\n'
+    printf 'every run of the tests repeats them.\n\n'
     printf '| target | inputs | inputs/s | edges | corpus | found |\n|---|---:|---:|---:|---:|---|\n'
     printf '%s\n' "${lines[@]}"
   } >"$page"

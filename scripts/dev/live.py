@@ -152,8 +152,8 @@ def main() -> None:
         "sent by one process over UDP multicast in real time and read by a second one, `tselab live`; "
         f"{describe_priority()} priority; the machine has {os.cpu_count()} cores, and its load before was "
         f"{load:.0f} processes.\n",
-        "| | |\n|---|---:|",
-        f"| rows a second | {found[3]} |",
+        "| quantity | value |\n|---|---:|",
+        f"| rows per second | {found[3]} |",
         f"| delay from a frame to its estimate, median | {found[4]} ms |",
         f"| delay, 99 % of the rows at most | {found[5]} ms |",
         f"| delay, longest | {found[6]} ms |",

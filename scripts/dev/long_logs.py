@@ -109,7 +109,7 @@ def write_result(rows: dict[str, str], command: str, hours: float) -> None:
         "sensor at 100 Hz. Command: `tselab estimate LOG --vehicle CAR --out EST.parquet --report "
         "REPORT.html`. Memory: maximum of the process (`ru_maxrss`, MB of 2^20 bytes) in one run.",
         "",
-        "| Format | file | rows | memory | processor |",
+        "| format | file size | rows | max memory | processor time |",
         "|---|---:|---:|---:|---:|",
         *(rows[name] for name in FORMATS if name in rows),
     ]

@@ -64,9 +64,10 @@ $dir/tests/fuzz/soak "$rows" >"$table" || code=$?
 cat "$table"
 {
   printf '`scripts/dev/soak.sh %s`: drives of a minute, one event each, default settings, double;\n' "$rows"
-  printf 'cars with 0.6 .. 1.2 of the nominal stiffness, 8 .. 40 m/s. False: recoveries (status 7)\n'
-  printf 'more than 5 s after the start and not within 15 s of the event. Errors: of valid cornering\n'
-  printf 'stiffness, relative to its constant true value, from the start of the event on.\n\n'
+  printf 'cars with 0.6 .. 1.2 of the nominal stiffness, 8 .. 40 m/s. Restart: the filter started over\n'
+  printf '(status 7). A restart is false if it is more than 5 s after the start and not within 15 s of\n'
+  printf 'the event. States refused: by tse_filter_check(). Errors: of the valid cornering stiffness,\n'
+  printf 'relative to its constant true value, from the start of the event on.\n\n'
   cat "$table"
 } >scripts/results/soak.md
 exit $code

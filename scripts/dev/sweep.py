@@ -45,7 +45,12 @@ CASES = (
     ("regimes", "slow-20"),
 )
 # columns of the table with results on calibrated cars
-ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
+ON_CARS = (
+    "cornering error > 10 % [% of valid rows]",
+    "longitudinal error > 10 % [% of valid rows]",
+    "false changes per hour",
+    "valid, cornering error > 20 %, after an event [s]",
+)
 FACTORS = (0.5, 2.0)  # factors by which each constant is multiplied, one after the other
 
 
@@ -186,17 +191,18 @@ def main() -> int:
     columns = [*(c.name for c in cases), *ON_CARS]
     head = f"""# Effect of halving and doubling a constant
 
-Simulated cases: RMS error (three stiffnesses pooled) over the RMS error with the unchanged
-constant, {args.runs} runs of each case on the same drives; `*`: the 95 % interval of the
-ratio (bootstrap over runs) does not contain 1. Calibrated cars with 14 degrees of freedom,
-{len(cars.calm)} drives without and {len(cars.events)} with an event: share of the valid rows
-with an error above 10 %; false changes an hour; time in the minute after an event for which
-a cornering stiffness is valid and has an error above 20 %, mean, s.
-Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."""
+`.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`
+
+- Simulated cases (columns {cases[0].name} .. {cases[-1].name}): RMS error over the RMS error with the
+  unchanged constant, {args.runs} runs of each case on the same drives, three stiffnesses pooled. `*`:
+  the 95 % interval of the ratio (bootstrap over runs) does not contain 1.
+- Calibrated cars with 14 degrees of freedom (last four columns): {len(cars.calm)} drives without and
+  {len(cars.events)} with an event. Last column: mean time in the minute after an event for which a
+  cornering stiffness is valid and has an error above 20 %."""
     lines = [
         head,
         "",
-        "| constant | value | unit | by | " + " | ".join(columns) + " |",
+        "| constant | value | unit | factor | " + " | ".join(columns) + " |",
         "|---|---:|---|---:|" + "---:|" * len(columns),
     ]
     lines.append("| unchanged | | | 1 | " + "1 | " * len(cases) + cars.format_scores(None) + " |")

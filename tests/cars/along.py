@@ -160,9 +160,14 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     called = f"python -m tests.cars.along {' '.join(arguments)}".strip()
     parts = [
-        f"# Longitudinal stiffness\n\n`{called}`. *Line*: mass over the slope of slip over accel_x in "
-        "straight rows without\nbrakes, by least squares. *Calibrate*: what a calibration takes, its search "
-        "left out: all else is as the prior has it."
+        f"# Longitudinal stiffness\n\n`{called}`\n\n"
+        "Errors of the longitudinal stiffness of the driven axle, in %:\n\n"
+        "- class: the stiffness of an ordinary car of this mass and these axle distances.\n"
+        "- line: a least-squares line through slip over accel_x in straight rows without braking. The\n"
+        "  stiffness is the mass over its slope.\n"
+        "- calibrate: the regression of `tselab calibrate`. All other parameters keep their prior.\n"
+        "- sd: posterior sd of *calibrate*, in %. An sd of 50 is the prior: the log does not show the\n"
+        "  stiffness. A dash: no line, or an error above 100 %."
     ]
     runs = [score_manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
     rows = [
@@ -176,12 +181,12 @@ def main(arguments: list[str]) -> int:
     ]
     shown = [r for r in runs if r["sd"] < SHOWN]
     parts.append(
-        f"Simulated manoeuvres of {SECONDS:g} s, cars unlike the built-in one; their tyres are linear and no "
-        "load moves, which\nthe file does not say. Error and sd in %; an sd of 50 is the prior: nothing is "
-        f"shown. Of {len(runs)} drives {len(shown)} show it:\n"
-        f"median error {100 * np.median([abs(r['calibrate']) for r in shown]):.1f} %, of the line "
-        f"{100 * np.median([abs(r['line']) for r in shown]):.1f} %; 1.96 sd hold in "
-        f"{sum(r['held'] for r in runs)} of {len(runs)}."
+        f"Simulated manoeuvres of {SECONDS:g} s. The simulated tyres are linear and there is no load "
+        "transfer;\nthe vehicle file does not state this. "
+        f"{len(shown)} of {len(runs)} drives show the stiffness (sd below {100 * SHOWN:.0f} %).\n"
+        f"On these the median error is {100 * np.median([abs(r['calibrate']) for r in shown]):.1f} %, that "
+        f"of the line {100 * np.median([abs(r['line']) for r in shown]):.1f} %. The 95 % interval\n"
+        f"contains the truth in {sum(r['held'] for r in runs)} of {len(runs)} drives."
     )
     parts.append(
         "\n".join(format_markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2))
@@ -189,8 +194,8 @@ def main(arguments: list[str]) -> int:
     if given.cars:
         table = calibrate_cars(given.cars, given.first, given.minutes)
         parts.append(
-            f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives "
-            "together; error and sd in %."
+            f"Cars of tests/cars from seed {given.first}, calibrated on {given.minutes:g} minutes on each "
+            "road:"
         )
         parts.append(
             "\n".join(format_markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
@@ -198,11 +203,11 @@ def main(arguments: list[str]) -> int:
     if given.straight:
         valid, off, last = np.array([score_straight_road(seed) for seed in range(1, given.straight + 1)]).T
         parts.append(
-            f"The filter on {given.straight} straight drives of ten minutes, car and driven axle known "
-            f"exactly: {100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid, of these "
-            f"{100 * off.mean():.1f} % more than 10 % off, worst "
-            f"drive {100 * off.max():.0f} %. The last row is "
-            f"{100 * np.sqrt(np.mean(last**2)):.1f} % off, rms."
+            f"The filter on {given.straight} straight drives of ten minutes, with a car that is known "
+            f"exactly: {100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid. Of the "
+            f"valid rows {100 * off.mean():.1f} % have an error above 10 % (worst drive "
+            f"{100 * off.max():.0f} %). The\nrms error in the last row is "
+            f"{100 * np.sqrt(np.mean(last**2)):.1f} %."
         )
     given.out.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(given.out.read_text(encoding="utf-8"))

@@ -178,10 +178,10 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
 
 def make_table(found: pd.DataFrame) -> list[str]:
     """Return a line for each scenario."""
-    wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
-    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong,
-             "the same at no slip", "reported within 5 s [%]",
-             "shows after: median, 90 % [s]")  # fmt: skip
+    wrong = f"valid, error > {100 * OFF:.0f} %, in the next {AFTER:g} s [s]: median; 90 %; max"
+    heads = ("event", "drives", "truth after / before", "valid before [% of rows]", "valid after [% of rows]",
+             wrong, "the same for the stiffness at zero slip [s]", "reported within 5 s [% of drives]",
+             "detectable after [s]: median, 90 %")  # fmt: skip
     rows = []
     for scenario, group in found.groupby("scenario", sort=False):
         by = [group[group["stiffness"] == key] for key in STIFFNESS]
@@ -229,13 +229,16 @@ def main(arguments: list[str]) -> int:
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}`
-after `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`:
-{cars} cars with 14 degrees of freedom on {" and ".join(ON)}, the event at a third of each drive or
-as soon as the car is calm. Front longitudinal / front cornering / rear cornering, as secants at the
-slip of each row, and at no slip. *reported*: a change or sliding has more than half of the
-probability. *Shows after*: the same filter, started at the change with an sd of {CHANGE_SD:g} of
-each stiffness, knows one so well that by the true change, median of the minute, it is not that of
-before, with 95 %; {AFTER:g} s: it never does.
+after `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`
+
+{cars} cars with 14 degrees of freedom on {" and ".join(ON)}. The event begins at a third of each
+drive, or as soon after that as the car drives calmly. Cells with three numbers: front longitudinal
+/ front cornering / rear cornering stiffness. Truth: secant at the slip of each row.
+
+- reported: the probability of a change or of sliding wheels exceeds 0.5.
+- detectable after: time after the event at which the data suffice for a detection. The filter is
+  started at the event with an sd of {CHANGE_SD:g} of each stiffness. The change counts as detectable
+  when the true change of a stiffness (median of {AFTER:g} s) exceeds {SURE:g} sd. {AFTER:g} s: never.
 
 """
     given.out.write_text(head + "\n".join(make_table(pd.DataFrame(found))) + "\n", encoding="utf-8")

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from scripts.dev.fixed import build_library
 from tests.cars import ROADS
-from tests.cars.study import estimate_log, format_shares, make_parser, read_drive, score
+from tests.cars.study import OFF, estimate_log, format_shares, make_parser, read_drive, score
 from tse.library.core import STIFFNESS, Library
 from tse.report.tables import format_markdown_table
 
@@ -53,8 +53,8 @@ def make_table(runs: pd.DataFrame) -> list[str]:
         ]
         rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
     head = (
-        "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
-        "from double, rms [sd of the estimate]"
+        f"build|median error [%]|valid [% of rows]|error > {100 * OFF:.0f} % [% of valid rows]|"
+        "95 % interval contains truth [% of rows]|difference from double, rms [sd of the estimate]"
     )
     return format_markdown_table(head.split("|"), rows, 6)
 
@@ -68,13 +68,14 @@ def main(arguments: list[str]) -> int:
     runs = pd.DataFrame(
         [row for car, road in tqdm(jobs, file=sys.stderr) for row in score_builds(car, road, builds)]
     )
-    head = f"""# Float and fixed point beside double, on cars
+    head = f"""# Float and fixed point compared with double, on cars
 
 `python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after `python -m
-tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
-{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the
-same settings. Front longitudinal / front cornering / rear cornering; median error, *valid*, *off*,
-*holds* as in [cars](cars-fresh.md).
+tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`
+
+{len(jobs)} drives of {given.cars} calibrated cars with 14 degrees of freedom. Each build reads the
+same logs with the same settings. Cells with three numbers: front longitudinal / front cornering /
+rear cornering stiffness. The columns are explained in [cars](cars-fresh.md).
 
 """
     given.out.write_text(head + "\n".join(make_table(runs)) + "\n", encoding="utf-8")

@@ -93,7 +93,9 @@ def make_table(found: pd.DataFrame) -> list[str]:
             cells.append(" / ".join(values))
         lines.append(cells)
     return format_markdown_table(
-        ["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4
+        ["rows", "change of the bias [%]", "valid [% of rows]", "95 % interval contains truth [% of rows]"],
+        lines,
+        4,
     )
 
 
@@ -117,8 +119,10 @@ def main(arguments: list[str]) -> int:
     text = f"""# Rows that come late
 
 `python -m tests.cars.late --calibrated DIR --seed {given.seed}` after `python -m tests.cars.study
---keep DIR`: {len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness; bias:
-the largest of the cars.
+--keep DIR`
+
+{len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness. Change of the bias:
+bias minus the bias without late rows, largest of the cars. Shares: mean of the cars.
 
 """
     given.out.write_text(text + "\n".join(make_table(pd.DataFrame(delays))) + "\n", encoding="utf-8")

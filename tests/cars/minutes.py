@@ -68,10 +68,12 @@ def main(arguments: list[str]) -> int:
     head = f"""# Minutes of calibration
 
 `python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after `python -m
-tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars}
-cars with 14 degrees of freedom, calibrated on the first minutes of a drive on each of
-{", ".join(ROADS)}, and estimated on another of each. Front longitudinal / front cornering / rear
-cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
+tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`
+
+{given.cars} cars with 14 degrees of freedom. Each is calibrated on the first minutes of one drive on
+each of {", ".join(ROADS)}, and estimated on another drive on each road. Cells with three numbers:
+front longitudinal / front cornering / rear cornering stiffness. Rows after {SETTLED:g} s and above
+{SLOW:g} m/s are counted. The columns are explained in [cars](cars-fresh.md).
 
 """
     text = (

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import make_row as real_row
-from tests.cars.study import OFF, SETTLED, make_parser, make_table, read_drive, score
+from tests.cars.study import SETTLED, make_parser, make_table, read_drive, score
 from tse.calibration import own
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_filter_values, read_vehicle
@@ -115,10 +115,12 @@ def make_real_table(scratch: Path) -> list[str]:
             keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")
             lines.append([name, who, *(r[key] for key in keys), said])
     head = (
-        "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|"
-        "sideslip off by, rms [deg]"
+        "log|calibrated on|front [kN/rad]|front valid [%]|rear [kN/rad]|rear valid [%]|changes reported|"
+        "rms error of sideslip [deg]"
     )
-    return format_markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
+    return format_markdown_table(
+        [*head.split("|"), "calibrated stiffness at zero slip, front, rear [kN/rad]"], lines, 2
+    )
 
 
 def main(arguments: list[str]) -> int:
@@ -131,21 +133,27 @@ def main(arguments: list[str]) -> int:
     text = f"""# Calibrated on the log itself
 
 `python -m tests.cars.own --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`:
-what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`
 
-- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior
-  is the prior of the cornering stiffness. The lines below it: other shares, and the sd of the
-  class. *{OTHERS}*: `tselab calibrate` on a drive of each road, to compare with; of the first cars.
-- A narrower prior than the posterior keeps what all rows show together, and is surer than they are;
-  a wider one lets the filter learn the stiffness anew, with its own errors.
+Estimates of `tselab estimate` for cars of which only mass, axle distances, wheel radii and driven
+axle are known.
+
+- *{CLASS}*: option `--no-calibrate`, an ordinary car of its class.
+- *{ITSELF}*: the default. The posterior of the calibration is the prior of the cornering
+  stiffness.
+- *... with 0.5 of its sd*: the prior has this share of the posterior sd. *... with the sd of the
+  class*: the prior has the posterior mean and the sd of the class.
+- *{OTHERS}*: `tselab calibrate` on one drive on each road, for comparison, with the first cars.
+
+A prior that is narrower than the posterior makes the intervals too narrow. With a wider prior the
+filter estimates the stiffness again from the same rows, and adds errors of its own.
 
 ## Cars with 14 degrees of freedom
 
-{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of
-{given.cars * len(ROADS)}. Front longitudinal / front cornering / rear cornering; rows after
-{SETTLED:g} s; *off*: share of the valid ones that are more than {100 * OFF:.0f} % from the secant;
-*holds*: of all rows with a truth.
+{given.cars} cars, one drive on each of {", ".join(ROADS)}. The calibration was used in {used} of
+{given.cars * len(ROADS)} drives. Cells with three numbers: front longitudinal / front cornering /
+rear cornering stiffness. Rows after {SETTLED:g} s are counted. The columns are explained in
+[cars](cars-fresh.md); errors are relative to the secant.
 
 """
     text += "\n".join(make_table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(make_table(runs))
@@ -153,9 +161,9 @@ what `tselab estimate` makes of a car of which only mass, axles, wheels and driv
 
 ## Real logs
 
-Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration
-exceeded 1 m/s2. The 250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114
-162] kN/rad.
+Cells as in [real logs](real.md). Valid: share of the rows in whose last 20 s the lateral
+acceleration exceeded 1 m/s2. Reference for the 250 LM: a regression with measured sideslip gives
+front 82 [78 92], rear 121 [114 162] kN/rad (95 % interval in brackets).
 
 """
     text += "\n".join(real)

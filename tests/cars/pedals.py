@@ -69,8 +69,8 @@ def main(arguments: list[str]) -> int:
     cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
     table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in score_runs(car)])
     head = (
-        "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|"
-        "95 % interval holds [%]|changes"
+        "driven axle|road|given|drives|median error [%]|valid [% of rows]|error > 10 % [% of valid rows]|"
+        "95 % interval contains truth [% of rows]|changes reported"
     )
     rows = [
         make_line(list(key), group)
@@ -81,14 +81,19 @@ def main(arguments: list[str]) -> int:
     who = read_vehicle(cars[0] / "fit" / "car.toml").name
     text = f"""# Longitudinal stiffness with brake switch and wheel torques
 
-`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)}
-calibrated cars of tests/cars from {who} on; front longitudinal stiffness against the secant of the
-row, rows after 20 s and above 3 m/s. The switch is on from 50 N of braking; torques are off by a
-scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise, and late by up to 60
-ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other
-axle is driven on demand. *both*: driven axles share the torque as they share the load, within a
-tenth. The front tyres of a rear-driven car show a stiffness only while it brakes, that is with more
-load than at rest.
+`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`
+
+{len(cars)} calibrated cars of tests/cars from {who} on. Errors: front longitudinal stiffness compared
+with the secant of the row. Rows after 20 s and above 3 m/s are counted.
+
+- Brake switch: on from 50 N of braking force.
+- Wheel torques: scale errors with an sd of 7 % (engine) and 10 % (brakes of each axle), 5 .. 20 N m
+  of noise, up to 60 ms late.
+- driven axle *not said*: the vehicle file does not state the one driven axle, as for a car that
+  drives its second axle on demand.
+- driven axle *both*: each axle has the share of the torque that it has of the load, within a tenth.
+- A car with rear-wheel drive shows the front longitudinal stiffness only while it brakes, when the
+  front load is larger than at rest.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

@@ -157,26 +157,35 @@ def main(arguments: list[str]) -> int:
                 rows.append(make_row(n, told, path, "yes" if done else "no"))
     heads = {
         "log": "log", "told": "calibrated on", "converged": "converged",
-        "posterior": "sd of the calibration [%]", "rest known": "were the rest known [%]",
-        "cy_front": "front [kN/rad]", "cy_front valid": "valid [%]",
+        "posterior": "sd of the calibration [%]", "rest known": "sd if the rest were known [%]",
+        "cy_front": "front [kN/rad]", "cy_front valid": "front valid [%]",
         "cy_rear": "rear [kN/rad]", "cy_rear valid": "rear valid [%]", "changes": "changes reported",
-        "sideslip": "sideslip off by, rms [deg]", "formula": "that of the formula [deg]",
-        "interval": "95 % interval of vel_y holds [%]",
+        "sideslip": "rms error of sideslip [deg]", "formula": "rms error of the formula [deg]",
+        "interval": "95 % interval of vel_y contains truth [% of rows]",
     }  # fmt: skip
     lines = ["| " + " | ".join(heads.values()) + " |", "|---|---|---" + "|---:" * (len(heads) - 3) + "|"]
     lines += ["| " + " | ".join(r[key] for key in heads) + " |" for r in rows]
     text = f"""# Real logs
 
-`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an
-ordinary car of its class), and with calibrations of the whole log, of its halves and of another log
-of the same car. *Sd of the calibration*: its posterior of front and rear cornering stiffness, with
-the mass as in the file; *were the rest known*: latencies, steering ratio, inertia and all else that
-it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
-{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the lateral
-acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the
-stiffness of the vehicle file, or that of the class. The reference of vel_y is as good as its
-alignment to the car, which was fitted: 0.3 deg of sideslip are a heading that is 0.3 deg off. The
-250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
+`python -m tests.cars.real`
+
+The logs in ../shared/data, estimated with four kinds of vehicle file: *as in the file* (an ordinary
+car of its class), and calibrated on the whole log, on each half, and on another log of the same
+car. No road changes on these logs.
+
+- sd of the calibration: posterior sd of front / rear cornering stiffness, with the mass of the file.
+- sd if the rest were known: the same sd if latencies, steering ratio, inertia and all other fitted
+  parameters were known exactly.
+- front, rear: cornering stiffness at zero slip with 95 % interval, medians of the last third of the
+  log above {FAST:g} m/s.
+- valid: share of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the lateral acceleration
+  exceeded 1 m/s2.
+- formula: sideslip l_r r/v - F_r/C_r with the stiffness of the vehicle file or of the class.
+- The reference of vel_y depends on the alignment of its sensor, which was fitted: an error of the
+  heading of 0.3 deg is an error of the sideslip of 0.3 deg.
+
+Reference for the 250 LM: a regression with measured sideslip gives front 82 [78 92], rear 121 [114
+162] kN/rad (95 % interval in brackets).
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

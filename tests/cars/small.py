@@ -22,6 +22,7 @@ from tests.cars import ROADS
 from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, find_lively_rows
 from tests.cars.study import (
     CONSTANT,
+    OFF,
     SETTLED,
     SLOW,
     estimate_log,
@@ -116,7 +117,8 @@ def make_table(runs: pd.DataFrame) -> list[str]:
         ]
         rows.append([*cells, f"{g['changes'].sum() / g['hours'].sum():.1f}"])
     head = (
-        "road|build|median error [%]|rms error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour"
+        f"road|build|median error [%]|rms error [%]|valid [% of rows]|error > {100 * OFF:.0f} % [% of valid "
+        "rows]|95 % interval contains truth [% of rows]|false changes per hour"
     )
     return format_markdown_table(head.split("|"), rows, 7)
 
@@ -138,11 +140,12 @@ def main(arguments: list[str]) -> int:
     head = f"""# A smaller state
 
 `python -m tests.cars.small --keep DIR --first {given.first} --cars {given.cars} --real DIR` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`:
-{len(jobs)} drives of {given.cars} calibrated cars with 14 degrees of freedom, by the full filter,
-by the build with `TSE_SMALL` and by the constant of the calibration. Front / rear cornering; median
-error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant without relaxation;
-*rms error*: of all rows with a truth.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`
+
+{len(jobs)} drives of {given.cars} calibrated cars with 14 degrees of freedom: the full filter, the
+build with `TSE_SMALL`, and the constant stiffness of the calibration. Front / rear cornering
+stiffness. Truth: force over the slip angle after relaxation. rms error: of all rows whose true
+stiffness is known. The other columns are explained in [cars](cars-fresh.md).
 
 """
     text = (
@@ -158,13 +161,13 @@ error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant wi
             lines += compare_builds_on_log(name, other, given.real, builds)
         text += """
 Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep
-DIR`): stiffness at no slip with its 95 % interval, median of the last third; valid of lively rows,
-as in [real logs](real.md). Nobody knows these tyres; the speed across is measured.
+DIR`): cornering stiffness at zero slip with 95 % interval, median of the last third; valid as in
+[real logs](real.md). The true stiffness is not known. The lateral speed is measured.
 
 """
         columns = (
-            "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
-            "95 % interval of vel_y holds [%]"
+            "log|build|front [kN/rad]|rear [kN/rad]|front / rear valid [%]|rms error of sideslip [deg]|"
+            "95 % interval of vel_y contains truth [% of rows]"
         )
         text += "\n".join(format_markdown_table(columns.split("|"), lines, 5)) + "\n"
     given.out.write_text(text, encoding="utf-8")

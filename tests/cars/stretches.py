@@ -100,10 +100,10 @@ def make_table(found: pd.DataFrame) -> list[str]:
         "stretches",
         "median error [%]",
         "rms error [%]",
-        "95 % interval holds [%]",
+        "95 % interval contains truth [%]",
         "median sd [%]",
         "valid [%]",
-        "valid and off [%]",
+        f"valid, error > {100 * OFF:.0f} % [%]",
     )
     lines = []
     for who in (CONSTANT, LAST, MEAN, SHOWN, SMOOTHED):
@@ -117,7 +117,7 @@ def make_table(found: pd.DataFrame) -> list[str]:
         ]
         cells += [[f"{100 * g[c].mean():.0f}" for g in by] for c in ("valid", "off")]
         lines.append([who, *(" / ".join(c) for c in cells)])
-    return format_markdown_table(["", *columns], lines)
+    return format_markdown_table(["value", *columns], lines)
 
 
 def main(arguments: list[str]) -> int:
@@ -129,9 +129,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-stretches.md", help="the table")
     given = parser.parse_args(arguments)
-    drives = [("nothing happens", road, f"car{k}/test", k) for road in ROADS for k in range(given.cars)]
+    drives = [("without an event", road, f"car{k}/test", k) for road in ROADS for k in range(given.cars)]
     places = [(e, road, k) for e in EVENTS for road in ON for k in range(given.cars)]
-    drives += [("something happens", road, f"{e}_{road}/car{k}", k) for e, road, k in places]
+    drives += [("with an event", road, f"{e}_{road}/car{k}", k) for e, road, k in places]
     scores = []
     for what, road, at, k in tqdm(drives, unit="drive", file=sys.stderr):
         for told, car in (("calibrated", "calibrated.toml"), ("not calibrated", "fit/car.toml")):
@@ -140,24 +140,28 @@ def main(arguments: list[str]) -> int:
                 scores += [{"what": what, "told": told, **r} for r in rows]
     found, text = pd.DataFrame(scores), []
     for (told, what), mine in found.groupby(["told", "what"], sort=False):
-        text += ["", f"{told.capitalize()}, {what}:", "", *make_table(mine)]
-        if told == "calibrated" and what == "something happens":
+        text += ["", f"{told.capitalize()}, drives {what}:", "", *make_table(mine)]
+        if told == "calibrated" and what == "with an event":
             text += [
                 "",
-                "... of these the stretches on which a row is valid:",
+                "Calibrated, drives with an event, only stretches with a valid row:",
                 "",
                 *make_table(mine[mine["any"]]),
             ]
-    head = f"""# What is said of each stretch of road
+    head = f"""# Stiffness of each stretch of road
 
 `python -m tests.cars.stretches --calibrated DIR --cars {given.cars} --first {given.first}` after
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR` and
-`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of
-freedom; front longitudinal / front cornering / rear cornering. Truth: median of the secants of a
-stretch's rows. The stretches are those between the changes that the filter reports: one that it
-misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter;
-of cars that are not calibrated the stiffness of their class. *{MEAN}*: of the stretches that have
-some. *off*: more than {100 * OFF:.0f} %; shares are of all stretches of the line.
+`python -m tests.cars.events --calibrated DIR --first {given.first}`
+
+Cars with 14 degrees of freedom. Cells with three numbers: front longitudinal / front cornering /
+rear cornering stiffness. A stretch lies between two changes that the filter reports. If the filter
+misses a change, a stretch contains two roads, and no value is true for both.
+
+- Truth: median of the true secants in the rows of the stretch.
+- *{CONSTANT}*: no filter. If the car is not calibrated: the stiffness of its class.
+- *{MEAN}*: only the stretches with valid rows.
+- Shares are relative to all stretches of the line.
 """
     given.out.write_text(head + "\n".join(text) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(drives)} drives")

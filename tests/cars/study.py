@@ -330,8 +330,8 @@ def make_table(runs: pd.DataFrame) -> list[str]:
             ]
         )
     head = (
-        "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
-        "changes an hour|rows at fault [%]"
+        f"road|estimator|median error [%]|valid [% of rows]|error > {100 * OFF:.0f} % [% of valid rows]|"
+        "95 % interval contains truth [% of rows]|false changes per hour|rows with sensor fault [%]"
     )
     return format_markdown_table(head.split("|"), lines, 6)
 
@@ -356,7 +356,8 @@ def make_latency_table(found: pd.DataFrame) -> list[str]:
         count, middle = f"{len(shown)} of {len(group)}", f"{1000 * float(error.median()):.1f}"
         rows.append([channel, count, middle, *within, f"{holds:.0f}"])
     head = (
-        "channel|shown in|error, median of those [ms]|within 2 ms [%]|within 5 ms [%]|95 % interval holds [%]"
+        "channel|determined in|median error [ms]|error < 2 ms [%]|error < 5 ms [%]|"
+        "95 % interval contains truth [%]"
     )
     return format_markdown_table(head.split("|"), rows)
 
@@ -373,8 +374,8 @@ def make_physical_table(found: pd.DataFrame) -> list[str]:
         holds = (group["off"].abs() < 1.96 * group["sd"])[group["sd"].notna()]
         rows.append([*cells, f"{100 * float(holds.mean()):.0f}" if len(holds) else "-"])
     head = (
-        "number|shown in|off by, before: median, largest|off by, found: median, largest|"
-        "95 % interval holds [%]"
+        "parameter|determined in|error before: median, max|error after: median, max|"
+        "95 % interval contains truth [%]"
     )
     return format_markdown_table(head.split("|"), rows)
 
@@ -428,20 +429,28 @@ def main(arguments: list[str]) -> int:
     converged = int(runs.groupby("car")["converged"].first().sum())
     head = f"""# Ordinary cars with 14 degrees of freedom, calibrated
 
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`:
-{given.cars} cars, each calibrated on one drive of {given.minutes:g} minutes on each of
-{", ".join(ROADS)} ({converged} of {given.cars} searches converged) and estimated on another of
-each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear cornering;
-rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth;
-*off*: share of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 %
-interval holds*: share of all rows with a truth; *median error*: of the rows of a log, median over
-the cars. *{CONSTANT}*: the calibrated file's own stiffness in every row, no filter. *{BEST}*: the
-median of the car's true secants in every row; no constant is nearer, what is off there is how far
-the secant itself moves. *{TYRES}*: the same estimates beside the rear tyres without the
-suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*: the
-output of the stiffness at no slip beside that of the axle with static load and no slip.
-*{RELAXED}*: the true force over the slip angle that the tyres have relaxed to. Nothing happens on
-these drives: every change and fault is a false one. Latencies are those behind the gyro.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`
+
+{given.cars} simulated cars. Each is calibrated on one drive of {given.minutes:g} minutes on each of
+{", ".join(ROADS)}, and estimated on another drive on each road. {converged} of {given.cars}
+calibrations converged. Cells with three numbers: front longitudinal / front cornering / rear
+cornering stiffness. Rows after {SETTLED:g} s and above {SLOW:g} m/s are counted.
+
+- Truth: force over the slip angle (or slip) of the wheels in the same row (*secant*). Some
+  estimators below are compared with another truth.
+- median error: median of the absolute error over the rows of a log, then over the logs.
+- valid: share of the rows whose true stiffness is known.
+- error > {100 * OFF:.0f} %: share of the valid rows.
+- 95 % interval contains truth: share of the rows whose true stiffness is known.
+- false changes, rows with sensor fault: nothing happens on these drives, so that every reported
+  change and fault is false.
+- *{CONSTANT}*: no filter. The stiffness of the calibrated vehicle file in every row.
+- *{BEST}*: no filter. The median of the true secants of the car in every row. Its error is the
+  variation of the secant.
+- *{TYRES}*: truth: the rear tyres without the compliance of the suspension. It differs from the
+  secant of the axle by -5 .. 10 %. No sensor shows this difference.
+- *{AT_REST}*: output `stiffness`; truth: the axle at static load and zero slip.
+- *{RELAXED}*: truth: force over the slip angle after relaxation.
 
 """
     text = (
@@ -450,10 +459,13 @@ these drives: every change and fault is a false one. Latencies are those behind 
         + "\n\nBy road:\n\n"
         + "\n".join(make_table(runs))
     )
-    text += "\n\nLatencies:\n\n" + "\n".join(make_latency_table(late))
+    text += "\n\nLatencies relative to the gyro, over the cars whose logs determine them:\n\n" + "\n".join(
+        make_latency_table(late)
+    )
     text += (
-        "\n\nThe car itself, found less true (before: vehicle file, class of cars; largest: of all cars; "
-        "stiffness of both tyres\nof an axle at rest, which slip and load make smaller on the road):\n\n"
+        "\n\nErrors of the parameters before the calibration (values of the vehicle file or of the class) "
+        "and after it,\nmedian and maximum of all cars, in SI units or %. Stiffness: of an axle at static "
+        "load and zero slip.\n\n"
     )
     given.out.write_text(
         text + "\n".join(make_physical_table(pd.DataFrame(cars_found))) + "\n", encoding="utf-8"

@@ -89,9 +89,12 @@ def make_table(runs: pd.DataFrame, by: str) -> list[str]:
     rows = [
         [str(v), *(format_shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)
     ]
-    return format_markdown_table(
-        [by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5
+    title = {"relaxation": "relaxation length [m]", "roll": "roll gain [rad per m/s2]"}.get(by, by)
+    head = (
+        f"{title}|valid [% of rows]|error > {100 * OFF:.0f} % [% of valid rows]|"
+        "truth outside 95 % interval [% of valid rows]|truth outside 95 % interval [% of rows]"
     )
+    return format_markdown_table(head.split("|"), rows, 5)
 
 
 def main(arguments: list[str]) -> int:
@@ -112,13 +115,18 @@ def main(arguments: list[str]) -> int:
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 
-`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of
-the simulator, {len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls}
-rad per m/s2 x {given.seeds} seeds, of two cars: *{CARS[0]}*, its stiffness is off the class's by a
-factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*, whose yaw inertia is off
-the class's, too. The filter knows mass, axles, radii and driven axle, and the class. Front
-longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
-*Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
+`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`
+
+{len(runs)} runs of the simulator of tse: {len(maneuvers.MANEUVERS)} manoeuvres x relaxation length
+{lengths} m x roll gain {rolls} rad per m/s2 x {given.seeds} seeds x two cars:
+
+- *{CARS[0]}*: each stiffness is that of the class times its own random factor (sd of the
+  logarithm: {SPREAD:g}).
+- *{CARS[1]}*: stiffness and yaw inertia differ from those of the class.
+
+The filter has mass, axle distances, wheel radii and driven axle. All other parameters are those of
+the class. Cells with three numbers: front longitudinal / front cornering / rear cornering
+stiffness. Rows after {SETTLED:g} s and above {SLOW:g} m/s are counted.
 """
     text = head
     for which, mine in runs.groupby("car", sort=False):

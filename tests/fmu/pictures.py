@@ -68,7 +68,7 @@ def main() -> None:
         parts = (time >= 10) & (time < ROAD_CHANGE[0] - STEP / 2), time >= DURATION - 20
         rms = [f"{100 * np.sqrt((error[part] ** 2).mean()):.2f} %" for part in parts]
         rows.append([NAMES[s], *rms, f"{100 * est[f'{s}_valid'].mean():.0f} % of the time"])
-    head = ["", "RMS error, 10 s to the road change", "RMS error, last 20 s", "valid"]
+    head = ["stiffness", "RMS error, from 10 s to the change of road", "RMS error, last 20 s", "valid"]
     print("\n".join(format_markdown_table(head, rows)))
 
 

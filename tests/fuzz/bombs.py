@@ -231,13 +231,14 @@ def main() -> int:
                     print(lines[-1], f"{time.monotonic() - began:.0f} s on the wall", flush=True)
     over = [f"{key} {value:.0f}" for key, value in worst.items() if value > MAX_TAKEN[key]]
     text = (
-        "`python -m tests.fuzz.bombs --write`: files under 10 MB that unpack to far more, "
-        "made for this, through two commands.\n"
-        f"Allowed: {MAX_TAKEN['memory']} MB of memory, {MAX_TAKEN['seconds']:.0f} s of a "
-        f"processor, {MAX_TAKEN['disk']} MB of disk. Largest: "
+        "`python -m tests.fuzz.bombs --write`\n\n"
+        "Files under 10 MB that are made to unpack to far more. `tselab estimate` and `tselab signals` "
+        "read each\nfile. "
+        f"Limits: {MAX_TAKEN['memory']} MB of memory, {MAX_TAKEN['seconds']:.0f} s of processor time, "
+        f"{MAX_TAKEN['disk']} MB of disk. Largest values: "
         f"{worst['memory']:.0f} MB, {worst['seconds']:.0f} s, {worst['disk']:.0f} MB.\n\n"
-        "| format | file [MB] | rows that it says | command | memory [MB] | processor [s] | "
-        "disk [MB] | exit code | said |\n"
+        "| format | file size [MB] | rows stated in the file | command | memory [MB] | processor time [s] | "
+        "disk [MB] | exit code | message, 60 characters |\n"
         "|---|---:|---:|---|---:|---:|---:|---:|---|\n" + "\n".join(lines) + "\n"
     )
     if given.write:

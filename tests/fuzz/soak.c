@@ -248,8 +248,8 @@ int main(int argc, char **argv)
   const uint32_t first = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : 0;
   tally sum = { 0 };
   for (uint32_t d = 0; d < (rows + DRIVE_ROWS - 1) / DRIVE_ROWS; d++) drive_once(first + d);
-  (void)printf("| happens | rows | refused | stiffnesses valid | no number | state refused | recoveries | of "
-               "them false |\n"
+  (void)printf("| event | rows | rows refused | valid stiffnesses | outputs not finite | states refused | "
+               "restarts | false restarts |\n"
                "|---|---:|---:|---:|---:|---:|---:|---:|\n");
   for (int k = 0; k < KINDS; k++) {
     const tally *const n = &all[k];
@@ -270,8 +270,8 @@ int main(int argc, char **argv)
       (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
       (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
       (unsigned long long)sum.false_recoveries);
-  (void)printf("\n| happens | valid, front / rear | mean error [%%] | mean half of the 95 %% interval [%%] | "
-               "it holds [%%] |\n|---|---:|---:|---:|---:|\n");
+  (void)printf("\n| event | valid values, front / rear | mean error [%%] | mean half of the 95 %% interval "
+               "[%%] | 95 %% interval contains truth [%%] |\n|---|---:|---:|---:|---:|\n");
   int biased = 0;
   for (int k = 0; k < KINDS; k++) {
     double x[2][4] = { { 0 } };
@@ -290,13 +290,13 @@ int main(int argc, char **argv)
       (void)printf("| %s | %.0f / %.0f | %+.1f / %+.1f | %.1f / %.1f | %.1f / %.1f |\n", names[k], x[0][0],
           x[1][0], x[0][1], x[1][1], x[0][2], x[1][2], x[0][3], x[1][3]);
   }
-  (void)printf("\n| likeliest | rows | share |\n|---|---:|---:|\n");
+  (void)printf("\n| most probable regime | rows | share |\n|---|---:|---:|\n");
   static const char *const regime_names[TSE_REGIMES] = { "steady", "changed", "axle", "fault", "sliding",
     "restarted" };
   for (int r = 0; r < TSE_REGIMES; r++)
     (void)printf("| %s | %llu | %.3f %% |\n", regime_names[r], (unsigned long long)regimes[r],
         100.0 * (double)regimes[r] / (double)(sum.rows ? sum.rows : 1));
-  (void)printf("\nRows whose status says that a number left the range of the format: %llu.\n",
+  (void)printf("\nRows with status TSE_W_RANGE (a number reached the limit of the format): %llu.\n",
       (unsigned long long)out_of_range);
   return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0 || biased;
 }

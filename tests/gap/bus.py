@@ -103,7 +103,8 @@ def is_same(case: dict) -> bool:
 def make_table(cases: list[dict]) -> str:
     """Return the results of cases as Markdown."""
     lines = [
-        "| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |",
+        "| hidden effect | seed | named, clean CSV | effects of the car named, bus | "
+        "errors of the sensors named, bus |",
         "|---|---:|---|---|---|",
     ]
     for c in cases:
@@ -114,11 +115,10 @@ def make_table(cases: list[dict]) -> str:
     found = sum(c["hidden"] in c["mf4"]["names"] for c in hidden)
     more = sum(len(set(c["mf4"]["names"]) - {c["hidden"]}) for c in hidden)
     lines.append(
-        f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: "
-        f"{format_interval(quiet, len(clean))}); the same names as from the clean log in {alike} "
-        f"of {len(cases)} ({format_interval(alike, len(cases))}); "
-        f"on a bus {found} of {len(hidden)} hidden effects are named, "
-        f"and {more} more names."
+        f"\nLogs of a bus: no effect of the car is named for {quiet} of {len(clean)} cars without a hidden "
+        f"effect (95 %: {format_interval(quiet, len(clean))}). {found} of {len(hidden)} hidden effects are "
+        f"named, with {more} further names. The names are those from the clean log, or look like them, for "
+        f"{alike} of {len(cases)} cars ({format_interval(alike, len(cases))})."
     )
     return "\n".join(lines) + "\n"
 

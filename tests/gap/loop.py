@@ -128,8 +128,10 @@ def score_estimates(drives: list, true: dict[str, float]) -> dict:
 def make_table(cases: list[dict]) -> str:
     """Return the results of cases as Markdown."""
     lines = [
-        "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | "
-        "longitudinal: error, % | file's intervals hold | sizes as calibrate |",
+        "| hidden | named | rms error of the cornering stiffness [%], before -> after | after / before | "
+        "valid [% of rows], before -> after | truth in 95 % interval [% of valid rows] | "
+        "rms error of the longitudinal stiffness [%], before -> after | "
+        "intervals of the vehicle file that contain the truth | sizes that agree with `tselab calibrate` |",
         "|---|---|---|---:|---|---:|---|---:|---:|",
     ]
     ratios = []
@@ -148,10 +150,12 @@ def make_table(cases: list[dict]) -> str:
     alike = sum(all(c["agree"]) for c in cases)
     low, least = sum(r <= 0.7 for r in ratios), np.mean([c["after"]["sideways"]["valid"] for c in cases])
     lines.append(
-        f"\nError of the cornering stiffness at most 0.7 of that before in {low} of {len(cases)}, above it "
-        f"in {sum(r > 1 for r in ratios)}; valid in {100 * least:.0f} % of the rows. The file's intervals "
-        f"hold in {100 * held:.0f} %. gap and calibrate agree in all sizes of {alike} of {len(cases)} cars, "
-        f"in {100 * agree:.0f} % of the sizes. Seed {SEED} and on, one run a case."
+        "\nBefore: with the original vehicle file. After: with that of `tselab gap`. The error of the "
+        f"cornering stiffness after is at most 0.7 of that before for {low} of {len(cases)} cars, and larger "
+        f"than before for {sum(r > 1 for r in ratios)}. After, {100 * least:.0f} % of the rows are valid. "
+        f"{100 * held:.0f} % of the intervals of the vehicle file contain the truth. `tselab gap` and "
+        f"`tselab calibrate` agree in all sizes for {alike} of {len(cases)} cars, and in "
+        f"{100 * agree:.0f} % of the sizes. Seeds from {SEED} on, one run per case."
     )
     return "\n".join(lines) + "\n"
 

@@ -715,7 +715,8 @@ def get_true_size(truth: dict, effect: str) -> tuple[str, float] | None:
 def make_table(results: dict[int, tuple[dict, dict]]) -> str:
     """Return results and truth by car as Markdown."""
     lines = [
-        "| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |",
+        "| car | named effects: size (true size) | formula | "
+        "accel_x, held out: rms / noise, before -> after | accel_y | yaw_rate |",
         "|---|---|---|---:|---:|---:|",
     ]
     for car, (result, truth) in results.items():

@@ -66,8 +66,8 @@ def main() -> int:
         print(f"no logs in {options.data}")
         return 0
     head = (
-        "| log | verdict, exit code | what it says | held-out third, rms over noise (95 % of the change) "
-        "| time, of processors |"
+        "| log | verdict, exit code | text of the verdict | held-out third: rms / noise, before -> after "
+        "(95 % interval of the change) | elapsed time, processor time |"
     )
     lines = [head, "|---|---|---|---|---:|"]
     for k, folder in enumerate(folders, 1):

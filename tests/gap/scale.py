@@ -110,10 +110,10 @@ def measure_minutes(path: Path) -> float:
 def make_table(rows: Sequence[Row], jobs: int) -> str:
     """Return the rows as Markdown."""
     lines = [
-        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {count_cores()} cores; "
-        f"hidden: {' and '.join(HIDDEN)}.",
+        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}` on {count_cores()} cores. Hidden "
+        f"effects: {' and '.join(HIDDEN)}.",
         "",
-        "| case | logs | minutes of log | held out | seconds | GB | verdict |",
+        "| case | logs | fitted logs [min] | held-out logs [min] | time [s] | memory [GB] | verdict |",
         "|---|---|---:|---:|---:|---:|---|",
     ]
     for r in rows:

@@ -176,7 +176,10 @@ def make_reliability_table(cases: list[dict]) -> list[str]:
         stated += [
             (e["probability"], any(is_same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])
         ]
-    lines = ["| stated probability | effects | mean stated | there |", "|---|---:|---:|---|"]
+    lines = [
+        "| stated probability | effects | mean stated probability | effects that are there (95 %) |",
+        "|---|---:|---:|---|",
+    ]
     for low, high in pairwise(BINS):
         mine = [(p, there) for p, there in stated if low <= p < high or (high == 1.0 and p == 1.0)]
         if mine:
@@ -193,8 +196,9 @@ def make_tables(cases: list[dict]) -> dict[str, str]:
     """Return the tables as Markdown, by file name."""
     columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
     head = (
-        "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | "
-        "none | size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"
+        "| hidden | cases | right names | right names and others | right among the look-alikes | "
+        "wrong names | not in the catalogue | no names | median error of the size | "
+        "held-out rms / noise, median | median time |\n|---|" + "---:|" * 10 + "\n"
     )
     lines = []
     for name in sorted({name_group(c) for c in cases}):
@@ -216,37 +220,45 @@ def make_tables(cases: list[dict]) -> dict[str, str]:
         held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
         lines.append("")
         lines.append(
-            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of "
-            f"which these logs show next to nothing: right id in {100 * top / len(visible):.0f} % (95 %: "
-            f"{format_interval(top, len(visible))}), right or in an admitted set in "
-            f"{100 * held / len(visible):.0f} % ({format_interval(held, len(visible))})."
+            f"One effect of typical size, {len(visible)} cases: the effect is named in "
+            f"{100 * top / len(visible):.0f} % (95 %: {format_interval(top, len(visible))}), and named or "
+            f"listed as a look-alike in {100 * held / len(visible):.0f} % "
+            f"({format_interval(held, len(visible))}). Not counted: "
+            f"{', '.join(sorted(INVISIBLE))}, which are hardly visible in these logs."
         )
     clean = [c for c in cases if name_group(c) == "nothing hidden"]
     if clean:
         k = sum(c["verdict"] != "named" for c in clean)
-        lines.append(f"\nNo name on {k} of {len(clean)} clean cars (95 %: {format_interval(k, len(clean))}).")
+        lines.append(
+            f"\nNothing hidden: no effect is named for {k} of {len(clean)} cars (95 %: "
+            f"{format_interval(k, len(clean))})."
+        )
     outside = [c for c in cases if c["outside"]]
     if outside:
         k = sum(c["verdict"] == "named" and c["closed"] > 0.5 for c in outside)
-        lines.append(f"\nOutside effects that a name explains by more than half: {k} of {len(outside)}.")
+        lines.append(
+            f"\nEffects outside the catalogue: named effects close more than half of the gap in {k} of "
+            f"{len(outside)} cases."
+        )
         proposed = [c for c in outside if c.get("formula")]
         half = sum(compute_closed_share(c) > 0.5 for c in proposed)
         lines.append(
-            f"\nOf {len(outside)} outside effects {len(proposed)} get a formula; with it more than half of "
-            f"the gap on held-out logs is closed in {half}."
+            f"\nEffects outside the catalogue: a formula is proposed in {len(proposed)} of {len(outside)} "
+            f"cases. It closes more than half of the gap on held-out logs in {half}."
         )
     sizes = [size for c in cases if not c["outside"] and (size := get_size(c)) is not None]
     if sizes:
         k = sum(low <= true <= high for _, low, high, true in sizes)
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
-            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} "
-            f"({format_interval(k, len(sizes))}); {near} are within 25 % of it. "
-            "Its forms are others than the catalogue's."
+            f"\nSizes of named effects: the 95 % interval contains the true size in {k} of {len(sizes)} "
+            f"({format_interval(k, len(sizes))}); {near} estimates are within 25 % of the true size. The "
+            "simulator has other forms of the effects than the catalogue."
         )
     lines += ["", *make_reliability_table([c for c in cases if not c["outside"]])]
     each = [
-        "| hidden | named, by seed | size error | gap before -> after (fit) | held out |",
+        "| hidden, seed | verdict: names | error of the size | "
+        "largest rms / noise, fitted logs, before -> after | largest rms / noise, held-out logs, after |",
         "|---|---|---:|---|---|",
     ]
     for c in sorted(cases, key=lambda c: (name_group(c), c["name"])):

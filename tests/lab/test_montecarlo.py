@@ -729,7 +729,7 @@ def check_regimes(lines, text):
     assert known["all_settle_1_most"] < 0.2 and known["cy_front_rms"] < 1 and np.isnan(known["valid_off_1"])
     assert lines.loc["road-0.7", "tse"]["detected_1"] < 5
     assert lines.loc["slow-20", "tse"]["cy_rear_rms"] < 20
-    assert "## Ratio of the RMS error to that of known" in text and "## After a change of the road" in text
+    assert "## Ratio of the RMS error to that of known" in text and "## Detection of a change of road" in text
 
 
 def check_false_alarms(lines, text):

@@ -17,10 +17,10 @@ in the last 30 s, and there is no warning.
 
 **Valid and silent: {silent} of {cells}.** Without a mistake there is a warning in {wrong} of {clean}{which}
 
-The car of the first drive is known exactly, so its stiffness is valid within two seconds.
-The time for which it was valid before the mistake was detected is in brackets. `tselab`
-refuses a log that is often out of range. *named*: `fault_channel` and `fault_factor` of the
-last implausible row in C."""
+Cells: the first reaction, and its time from the start of the log. The car of the first drive
+is known exactly, so its stiffness is valid within two seconds. The time for which it was
+valid before the mistake was detected is in brackets. `tselab` refuses a log that is often
+out of range. *named*: `fault_channel` and `fault_factor` of the last implausible row in C."""
 
 
 def format_cell(said: Response) -> str:

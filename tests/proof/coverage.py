@@ -255,18 +255,21 @@ def format_page(
     rows.append(("**all**", total))
     version = run_command(clang, "--version").stdout.splitlines()[0]
     out = [
-        "# What the unit tests run",
+        "# Coverage of the core by the unit tests",
         "",
-        f"`scripts/dev/proof.sh coverage --write`; {version}, `{FLAGS}`, double, all of the library and",
-        f"as `TSE_SMALL`; {programs} test programs. A line, an outcome or a condition is "
-        "covered where either build covers it.",
-        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with "
-        "more than one that were seen to decide",
-        "it alone. A condition in a macro counts once for each of its uses. *Reachable* "
-        "leaves out what tests/proof/coverage.toml",
-        "says cannot be reached, with the reason (below).",
+        f"`scripts/dev/proof.sh coverage --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
         "",
-        "| file | lines | | branches | | reachable | MC/DC | | reachable |",
+        "Two builds are measured: the whole library, and `TSE_SMALL`. A line, an outcome or a condition is",
+        "covered if either build covers it. A condition in a macro counts once for each use of the macro.",
+        "",
+        "- Branches: both outcomes of every condition.",
+        "- MC/DC: conditions of decisions with several conditions. A condition is covered if the tests show",
+        "  that it decides alone.",
+        "- Share of reachable: without the code that tests/proof/coverage.toml lists as unreachable (last",
+        "  table).",
+        "",
+        "| file | lines | share | branches | share | share of reachable | MC/DC | share | "
+        "share of reachable |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for file, r in rows:
@@ -275,7 +278,7 @@ def format_page(
             cells += [f"{r[part]}/{r[of]}", share(r[part], r[of]), share(r[part], r[of] - r[excused])]
         out.append(f"| {' | '.join(cells)} |")
     if unmeasured:
-        out += ["", f"Of these decisions clang measures branches only: {', '.join(unmeasured)}."]
+        out += ["", f"Of these decisions clang does not measure MC/DC: {', '.join(unmeasured)}."]
     unlisted = sorted(k for k in found if k not in known)
     if unlisted:
         out += ["", "## Not covered, without a reason", ""] + [
@@ -283,9 +286,9 @@ def format_page(
         ]
     out += [
         "",
-        "## What cannot be reached, and why",
+        "## Unreachable code",
         "",
-        "| file | function | condition | never | why |",
+        "| file | function | condition | never | reason |",
         "|---|---|---|---|---|",
     ]
     grouped: dict[tuple, list] = defaultdict(list)

@@ -228,30 +228,28 @@ def format_page(results: list, rows: list[dict], used: dict[int, set], targets: 
     """Return the page with its table."""
     version = subprocess.run(["frama-c", "-version"], capture_output=True, text=True).stdout.strip()
     out = [
-        "# What is proven of memory and whole numbers",
+        "# Proof of memory safety and integer ranges",
         "",
         f"`{' '.join(['scripts/dev/proof.sh eva --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
-        "Every real number of settings, parameters, filter and",
-        "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter "
-        "are in the ranges that tse_prepare()",
-        "and tse_filter_check() hold them to, and are asserted to be there after the row; in "
-        "fixed point a number is any that an",
-        "operation gives (FIXED_MOST and below); product, quotient and root give any such, "
-        "and are asked by themselves.",
-        "Two steps are by hand: tse_prepare() is given whole numbers (in fixed point real "
-        "ones, too) in the ranges that",
-        "tse_config_check() has just held them to by a loop over a table; and the row that "
-        "brings a measured velocity into use is",
-        "followed from there on by itself: what comes then is that of a filter that has one.",
-        "No alarm: no access outside an object",
-        "or of what was never written, no overflow or shift that C does not define, no "
-        "division of whole numbers by 0, no real",
-        "made a whole number that cannot hold it.",
         "",
-        f"Not asked: {'; '.join(list_omissions(results))}; effects, simulator and replay.",
+        "No alarm means: no access outside an object or to uninitialised memory, no overflow or shift that C",
+        "does not define, no integer division by 0, no conversion of a real number to an integer that cannot",
+        "hold it. Assumptions:",
         "",
-        "| asked | format | functions | statements reached | alarms | of them explained | "
-        "still in range, proven |",
+        "- Real numbers of settings, parameters, filter and row have any bits, including NaN and infinity.",
+        "- Integers of parameters and filter are in the ranges that tse_prepare() and tse_filter_check()",
+        "  enforce. After the row they are proven to be in these ranges again.",
+        "- Fixed point: a number has any magnitude up to FIXED_MOST. So has the result of a product, a",
+        "  quotient or a root, which is proven separately (last line).",
+        "- tse_config_check() checks ranges in a loop over a table. EVA does not follow this. tse_prepare()",
+        "  is therefore analysed with integers (in fixed point also real numbers) in these ranges.",
+        "- The first row with a measured velocity is analysed up to the point where the filter begins to use",
+        "  the velocity. From there on, the analysis of a filter that uses a velocity applies.",
+        "",
+        f"Not analysed: {'; '.join(list_omissions(results))}; effects, simulator and replay.",
+        "",
+        "| analysed | format | functions | statements reached | alarms | explained alarms | "
+        "integer ranges proven |",
         "|---|---|---|---|---|---|---|",
     ]
     for target, form, numbers, found, open_ in results:
@@ -262,9 +260,9 @@ def format_page(results: list, rows: list[dict], used: dict[int, set], targets: 
         )
     out += [
         "",
-        "## Alarms that are explained (tests/proof/eva.toml)",
+        "## Explained alarms (tests/proof/eva.toml)",
         "",
-        "| file | function | alarms | why they cannot come true |",
+        "| file | function | alarms | why the error cannot occur |",
         "|---|---|---|---|",
     ]
     for k, row in enumerate(rows):

@@ -61,44 +61,43 @@ LISTS = (
     FaultList(
         HERE / "faults.toml",
         28,
-        "in the default filter and its model, each tried by the unit tests and the golden replay",
+        "in the default filter and its model. The unit tests and the golden replay ran with each fault",
     ),
     FaultList(
         HERE / "faults_whole.toml",
         37,
-        "over the whole project, chosen from the sources by somebody who had read no test, each "
-        "tried by the tests of its area",
+        "in the whole project, chosen from the sources by a reader who had not seen the tests. The tests "
+        "of the same area ran with each fault",
     ),
     FaultList(
         HERE / "faults_fresh.toml",
         37,
-        "over the whole project, chosen after those above from the sources by somebody else who "
-        "had read no test, each tried by the tests of its area",
+        "in the whole project, chosen later by a second reader who had not seen the tests. The tests of the "
+        "same area ran with each fault",
     ),
     FaultList(
         HERE / "faults_second.toml",
         37,
-        "over the whole project, chosen by a third who had read no test, after the tests that the "
-        "lists above led to had been written by others, each tried by the tests of its area",
+        "in the whole project, chosen by a third reader who had not seen the tests, after others had written "
+        "tests for the lists above. The tests of the same area ran with each fault",
     ),
     FaultList(
         HERE / "faults_third.toml",
         37,
-        "over the whole project, chosen by a fourth who had read no test, after those above, each "
-        "tried by the tests of its area",
+        "in the whole project, chosen by a fourth reader who had not seen the tests, later than the lists "
+        "above. The tests of the same area ran with each fault",
     ),
     FaultList(
         HERE / "faults_fourth.toml",
         37,
-        "over the whole project, chosen by a fifth who had read no test, while others went through "
-        "the core and the FMUs function by function and wrote tests, each tried by the tests of its "
-        "area",
+        "in the whole project, chosen by a fifth reader who had not seen the tests, while others wrote tests "
+        "for each function of the core and the FMUs. The tests of the same area ran with each fault",
     ),
     FaultList(
         HERE / "faults_fifth.toml",
         37,
-        "over the whole project, chosen by a sixth who had read no test, while others did the same "
-        "with the Python packages, each tried by the tests of its area",
+        "in the whole project, chosen by a sixth reader who had not seen the tests, while others wrote tests "
+        "for each function of the Python packages. The tests of the same area ran with each fault",
     ),
 )
 
@@ -412,9 +411,9 @@ def format_table(about: FaultList, done: Sequence[tuple[HandFault, str]]) -> str
     """Return the table of a list in Markdown."""
     found = [f for f, verdict in done if verdict.startswith("found")]
     after, beside = sum(bool(f.since) for f in found), sum(bool(f.also) for f in found)
-    parts = [f"{len(found) - after - beside} at first"]
-    parts += [f"{beside} by tests in files that were not named for it"] if beside else []
-    parts += [f"{after} after a new test"] if after else []
+    parts = [f"{len(found) - after - beside} by the existing tests of the area"]
+    parts += [f"{beside} by existing tests of another area"] if beside else []
+    parts += [f"{after} by new tests"] if after else []
     lines = [
         f"## {about.file.name}",
         "",
@@ -422,7 +421,7 @@ def format_table(about: FaultList, done: Sequence[tuple[HandFault, str]]) -> str
         "",
         f"**{len(found)} of {len(done)} found**: {', '.join(parts)}. Commit {read_commit()}.",
         "",
-        "| file and line | fault | |",
+        "| file and line | fault | result |",
         "|---|---|---|",
     ]
     for f, verdict in done:
@@ -444,7 +443,7 @@ def write_report(tables: dict[str, str]) -> None:
     text = REPORT.read_text(encoding="utf-8") if REPORT.is_file() else ""
     known = {part.partition("\n")[0]: f"## {part}" for part in text.split("## ")[1:]}
     every = [tables.get(x.file.name, known.get(x.file.name)) for x in LISTS]
-    head = "# Faults put in by hand\n\n`.venv/bin/python tests/proof/faults.py --write [--list NAME]`\n"
+    head = "# Faults chosen by hand\n\n`.venv/bin/python tests/proof/faults.py --write [--list NAME]`\n"
     REPORT.write_text("\n".join([head, *(t.rstrip() + "\n" for t in every if t)]), encoding="utf-8")
 
 

@@ -160,19 +160,19 @@ def format_page(without: list, used: Counter, by_rule: dict) -> str:
         "# MISRA C:2012",
         "",
         f"`scripts/dev/proof.sh misra --write`; {version} with its addon, double, src/ and include/. "
-        "A line that breaks a rule counts once.",
+        "Hit: a line that breaks a rule.",
         "",
-        "| category | hits | without a deviation |",
+        "| category | hits | hits without a deviation |",
         "|---|---|---|",
     ]
     out += [f"| {c} | {a} | {w} |" for c, (a, w) in sums.items()]
-    out += ["", "| rule | category | hits | without a deviation |", "|---|---|---|---|"]
+    out += ["", "| rule | category | hits | hits without a deviation |", "|---|---|---|---|"]
     out += [f"| {r} | {find_category(r)} | {n['all']} | {n['without']} |" for r, n in by_rule.items()]
     out += [
         "",
         "## Deviations (tests/proof/misra.toml)",
         "",
-        "| rules | where | on lines with | hits | why |",
+        "| rules | files | lines that match | hits | reason |",
         "|---|---|---|---|---|",
     ]
     for k, row in enumerate(read_deviations()):
@@ -184,7 +184,7 @@ def format_page(without: list, used: Counter, by_rule: dict) -> str:
         )
     left = [h for h in without if find_category(h[0]) == "advisory"]
     if left:
-        out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
+        out += ["", f"## Hits of advisory rules without a deviation: {len(left)}", ""]
         by = Counter(h[0] for h in left)
         out.append(", ".join(f"{r} ({n})" for r, n in by.items()))
     return "\n".join(out) + "\n"

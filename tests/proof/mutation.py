@@ -535,17 +535,17 @@ def format_report(
     lines = [
         "# Mutation score of the core",
         "",
-        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in "
-        f"src/{', src/'.join(FOLDERS)},",
-        f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
+        f"`{command}`; {version}, -O1, double.",
+        f"{len(verdicts)} of {total} possible faults in src/{', src/'.join(FOLDERS)}, drawn at random.",
+        f"{len(bench.tests)} test programs, including the golden replay.",
         "",
         f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval "
         f"{100 * low:.1f} .. {100 * high:.1f} %.**",
-        f"{count('found by sanitizers')} of them by nothing but the file's own tests with "
-        "sanitizers, as preset dev compiles them.",
-        f"Not counted: {count('stillborn')} that do not compile, {count('same')} that "
-        "compile to the same bytes,",
-        f"{count('known')} that no test could find (below).",
+        f"{count('found by sanitizers')} of these only with the sanitizers of preset dev, by the tests of "
+        "the file.",
+        f"Not counted: {count('stillborn')} faults that do not compile, {count('same')} that compile to the "
+        "same bytes,",
+        f"{count('known')} that no test can find (last table).",
         "",
         "| kind | found | survived |",
         "|---|---|---|",
@@ -556,7 +556,7 @@ def format_report(
             f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | "
             f"{count('survived', own)} |"
         )
-    lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
+    lines += ["", "## Faults that no test found", "", "| file and line | kind | fault |", "|---|---|---|"]
     lines += [
         f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"
         for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
@@ -564,9 +564,9 @@ def format_report(
     ]
     lines += [
         "",
-        "## Drawn, and found by no test that there could be (tests/proof/faults.toml)",
+        "## Faults that no test can find (tests/proof/faults.toml)",
         "",
-        "| file and line | fault | why |",
+        "| file and line | fault | reason |",
         "|---|---|---|",
     ]
     lines += [

@@ -88,7 +88,7 @@ def test_a_list_is_written_into_the_report_beside_the_others(tmp_path, monkeypat
     faults.write_report({"faults_whole.toml": "## faults_whole.toml\n\nnew\n"})
     text = report.read_text(encoding="utf-8")
     assert text.index("## faults.toml\n\nfirst\n") < text.index("## faults_whole.toml\n\nnew\n")
-    assert "old" not in text and text.startswith("# Faults put in by hand\n")
+    assert "old" not in text and text.startswith("# Faults chosen by hand\n")
 
 
 def test_the_table_names_every_fault():

@@ -277,5 +277,8 @@ def format_markdown(plan: StudyPlan, facts: list[tuple[str, str]], tables: list[
     lines = [f"# {plan.study.title}", "", *(f"- {name}: {value}" for name, value in facts)]
     for table in tables:
         lines += ["", table.markdown()]
-    files = f"{plan.study.name}.csv has the intervals of all values, runs.csv the scores of each run."
+    files = (
+        f"The command also writes {plan.study.name}.csv (intervals of all values) and runs.csv (scores of "
+        "each run)."
+    )
     return "\n".join([*lines, "", files, ""])

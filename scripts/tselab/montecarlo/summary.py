@@ -225,21 +225,27 @@ def _format_rms(line: pd.Series, key: str) -> str:
 
 WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
 LEGEND = (
-    "Triples are Cx front, Cy front, Cy rear, in % of the true mean stiffness, in the score window of the "
-    "case. Diverged: number of runs in which the error of a stiffness exceeded "
-    f"{WRONG} without a break for more than {DIVERGED_FOR:g} s. Only rows in which the stiffness was clearly "
-    f"observable count, and no rows less than {scores.SETTLE_AFTER:g} s after the start, a change or a "
-    "disturbance. Any: the same, but rows count whether the stiffness was observable or not. RMS and bias "
-    "are those of the rows that were not refused. Covered: share of rows whose 95 % interval contains the "
-    "truth. Spread: estimated sd of the stiffness from sample to sample; for the default filter, size of "
-    "the model discrepancy. Seen: share of rows in which the spread is flagged as estimated. Noise: ratio "
-    "of the estimated noise sd to the setting, for accel_x, "
-    f"accel_y, yaw_rate. False valid: of the rows flagged valid, share in which the error exceeds {WRONG}. "
-    "False invalid: of the rows in which the stiffness was clearly observable and its error below "
-    f"{100 * scores.CLOSE:.0f} %, share not flagged valid. Reason right: of the rows in which the stiffness "
-    "was clearly unobservable, share whose reason for not valid is this one. Faults reported: of the rows "
-    "with a missing or frozen channel, share that is not flagged valid or has the status that a measurement "
-    "is missing. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    "Cells with three numbers: Cx front, Cy front, Cy rear. Errors are relative to the true mean stiffness, "
+    "in the score window of the case.\n\n"
+    f"- diverged runs: runs in which the error of a stiffness stayed above {WRONG} for more than "
+    f"{DIVERGED_FOR:g} s. Not counted: rows in which the stiffness was not clearly observable, and rows less "
+    f"than {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance.\n"
+    "- diverged runs, observable or not: the same, but rows in which the stiffness was not clearly "
+    "observable count, too.\n"
+    "- RMS error, bias: of the rows that the filter did not refuse.\n"
+    "- spread: estimated sd of the stiffness from sample to sample; default filter: sd of the model "
+    "discrepancy.\n"
+    "- spread estimated: rows in which the spread is flagged as estimated.\n"
+    "- noise / setting: estimated noise sd over the setting, for accel_x, accel_y, yaw_rate.\n"
+    f"- false valid: of the rows flagged valid, share with an error above {WRONG}.\n"
+    "- false invalid: of the rows in which the stiffness was clearly observable and its error below "
+    f"{100 * scores.CLOSE:.0f} %, share not flagged valid.\n"
+    "- reason right: of the rows in which the stiffness was clearly unobservable, share not flagged valid, "
+    f"with the reason {', '.join(scores.UNKNOWN_REASONS[:-1])} or {scores.UNKNOWN_REASONS[-1]}.\n"
+    "- faults reported: of the rows with a missing or frozen channel, share not flagged valid, or with the "
+    "status that a measurement is missing.\n"
+    "- restarts: rows in which the filter started over because its state was not finite.\n\n"
+    "Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 
@@ -255,19 +261,19 @@ def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
         "case",
         *(["estimator"] if several else []),
         "runs",
-        "diverged (95 %)",
-        "any",
-        *(f"RMS {h} (95 %)" for h in HEADS.values()),
-        "covered",
-        "bias",
-        "spread",
-        "seen",
-        "noise",
-        "false valid",
-        "false invalid",
-        "reason right",
-        "faults reported",
-        "recoveries",
+        "diverged runs (95 %)",
+        "diverged runs, observable or not",
+        *(f"RMS error {h} [%] (95 %)" for h in HEADS.values()),
+        "truth in 95 % interval [% of rows]",
+        "bias [%]",
+        "spread [%]",
+        "spread estimated [% of rows]",
+        "noise / setting",
+        "false valid [%]",
+        "false invalid [%]",
+        "reason right [%]",
+        "faults reported [%]",
+        "restarts",
     ]
     rows = [
         [
@@ -296,9 +302,9 @@ def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
 # ---- tables that only one study has
 
 SETTLING_NOTE = (
-    "Times are those of the stiffness that settles last. s to 10 %: until its error is below 10 % for "
-    f"{SETTLED_FOR:g} s. For good: until its error stays below 10 % up to the next change or the end of the "
-    "run."
+    "Time after the change until the error of the stiffness that settles last is below 10 % for "
+    f"{SETTLED_FOR:g} s, and until this error stays below 10 % up to the next change or the end of the run: "
+    "median run (longest run)."
 )
 
 
@@ -326,8 +332,14 @@ def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
         for _, line in summary[summary["case"] == case.name].iterrows()
         for n, event in enumerate(case.events, 1)
     ]
-    head = ["case", "estimator", "change at", "s to 10 %, median (longest)", "for good"]
-    return [Table("After a change of road", head, rows, 2, SETTLING_NOTE)] if rows else []
+    head = [
+        "case",
+        "estimator",
+        "change at",
+        "error below 10 % after [s]",
+        "error stays below 10 % after [s]",
+    ]
+    return [Table("Settling time after a change of road", head, rows, 2, SETTLING_NOTE)] if rows else []
 
 
 PAPERS = ("printed", "robust", "tse")
@@ -346,13 +358,17 @@ def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
         if name in cases:
             rows += _tabulate_lanes(prior, [select_runs(runs, name, e) for e in ("paper", *PAPERS[1:])])
     text = (
-        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles; forgetting 0.99 (robust: 0.998, of the "
-        "mean 0.98); initial stiffness 70 % of nominal; every stiffness changes to 70 % at 30 s; inputs "
-        "linear or held between rows. Sec. IV-B: simulation of the experiment; forgetting 0.995 (robust: of "
-        "the mean 0.98). Triples are Cx, Cy front, Cy rear, in % of the true mean; 95 % intervals are in "
-        "brackets (bootstrap for rms, t for means, Clopper-Pearson for shares). Diverged: the error of a "
-        "stiffness exceeds 20 % for more than 2 s in the window 15 .. 30 s or 45 .. 60 s, for Sec. IV-B in "
-        "44 .. 48 s. Standard deviation: of a stiffness from sample to sample; the default filter does not "
+        f"{plan.runs} runs of each case.\n\n"
+        "- Sec. IV-A (Fig. 1, 2): 500 particles; forgetting factor 0.99 (robust: covariance 0.998, mean "
+        "0.98); initial stiffness 70 % of nominal; every stiffness changes to 70 % at 30 s; inputs linear or "
+        "held between rows.\n"
+        "- Sec. IV-B (Fig. 3, 4): simulation of the paper's experiment; forgetting factor 0.995 (robust: "
+        "mean 0.98); initial stiffness (prior) 20 % too low or too high.\n"
+        "- Cells with three numbers: Cx, Cy front, Cy rear, in % of the true mean. In brackets: 95 % "
+        "intervals (bootstrap for rms, t for means, Clopper-Pearson for shares).\n"
+        "- diverged: runs in which the error of a stiffness exceeds 20 % for more than 2 s in the window: 15 "
+        ".. 30 s (before the change), 45 .. 60 s (after the change), 44 .. 48 s (Sec. IV-B).\n"
+        "- Standard deviation: that of the stiffness from sample to sample. The default filter does not "
         "estimate it."
     )
     return [
@@ -478,14 +494,15 @@ def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame)
         spans = [f"{a:g} .. {b:.0f} s" for a, b in case.windows]
         head = [
             "estimator",
-            "what",
-            *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")),
-            "spread, median run",
+            "settings",
+            *(f"{what}, {s}" for s in spans for what in ("diverged runs", "rms error [%]")),
+            "spread, median run [%]",
         ]
         text = (
-            f"{case.title}; {plan.runs} runs. Triples are Cx, Cy front, Cy rear, in % of the true mean, "
-            "with 95 % intervals. Diverged: the error of a stiffness exceeds 20 % for more than 2 s of the "
-            "window. The true spread is 5 %."
+            f"Case: {case.title}; {plan.runs} runs. Cells with three numbers: Cx, Cy front, Cy rear, in % of "
+            "the true mean, with 95 % intervals. Diverged runs: runs in which the error of a stiffness "
+            "exceeds 20 % for more than 2 s of the window. Spread: estimated sd of a stiffness from sample "
+            "to sample; the true value is 5 %."
         )
         tables.append(Table(case.name, head, rows, 2, text))
     return tables
@@ -545,21 +562,23 @@ def _tabulate_peers(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
     head = [
         "case",
         "estimator",
-        "diverged",
-        "RMS error",
+        "diverged runs (95 %)",
+        "RMS error [%]",
         *(f"{h} / EKF" for h in HEADS.values()),
-        "bias",
-        "covered",
-        "s to 10 % after the change",
-        "µs a step",
+        "bias [%]",
+        "truth in 95 % interval [% of rows]",
+        "error below 10 % after [s]",
+        "time per step [µs]",
         "time / EKF",
     ]
     text = (
-        "RMS error in 15 .. 30 s. Cx front / EKF ...: ratio of the RMS error to that of the estimator ekf on "
-        "the same data, with paired bootstrap intervals (95 %). After the change: time until the error of "
-        "the stiffness that settles last is below 10 % for 1 s, median run (longest). ekf and known are "
-        "written in Python; their times in C are not measured. "
-        f"ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
+        f"Estimators: ekf: {TEXTS['ekf']}; known: {TEXTS['known']}. Both are written in Python, tse in C: "
+        "do not compare their times per step.\n\n"
+        "- RMS error: of the rows in 15 .. 30 s.\n"
+        "- Cx front / EKF ...: RMS error over the RMS error of ekf on the same data, with paired bootstrap "
+        "intervals (95 %).\n"
+        "- error below 10 % after: time after the change of the true stiffness until the error of the "
+        "stiffness that settles last is below 10 % for 1 s, median run (longest run)."
     )
     return [Table("Comparison with an EKF", head, rows, 2, text)]
 
@@ -591,10 +610,12 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                 ]
                 rms = [", ".join(format_number(float(compute_rms(p[i]))) for p in pairs) for i in (0, 1)]
                 rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
-    head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
+    ratio_heads = [f"{h} / {base}" for h in HEADS.values()]
+    head = ["case", "estimator", "window [s]", *ratio_heads, "RMS error [%]", f"RMS error of {base} [%]"]
     text = (
-        f"RMS error of the estimator / RMS error of {base} on the same data, with paired bootstrap intervals "
-        f"(95 %). {base}: {TEXTS[base]}."
+        f"{base} is an {TEXTS[base]}. Cx front / {base} ...: RMS error of the estimator over that of {base} "
+        "on the same data, with paired bootstrap intervals (95 %). Cells with three numbers: Cx front, Cy "
+        "front, Cy rear."
     )
     return [Table(f"Ratio of the RMS error to that of {base}", head, rows, 2, text)] if rows else []
 
@@ -637,15 +658,21 @@ def _tabulate_after(plan: StudyPlan, runs: pd.DataFrame) -> Table:
         if len(part := select_runs(runs, case.name, name))
         for n, event in enumerate(case.events, 1)
     ]
-    head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
+    head = [
+        "case",
+        "estimator",
+        "change at",
+        "detected after [s]",
+        "all three errors below 10 % after [s]",
+        f"valid, error above {100 * OFF:g} % [s]",
+    ]
     text = (
-        "Times are those of the median run (longest). Detected: time until the estimator reports the change "
-        f"of regime with a probability above {100 * SURE:g} %. Within 10 %: time until the errors of all "
-        f"three stiffnesses are below 10 % for {SETTLED_FOR:g} s. Valid and off: total time, within the "
-        f"{OFF_FOR:g} s after the change, in which a stiffness is flagged valid although its error exceeds "
-        f"{100 * OFF:g} %."
+        "Times: median run (longest run). Detected: the estimator reports the change of regime with a "
+        f"probability above {100 * SURE:g} %. Errors below 10 %: for {SETTLED_FOR:g} s. Last column: total "
+        f"time, within the {OFF_FOR:g} s after the change, in which a stiffness is flagged valid although "
+        f"its error exceeds {100 * OFF:g} %."
     )
-    return Table("After a change of the road", head, rows, 2, text)
+    return Table("Detection of a change of road", head, rows, 2, text)
 
 
 def compute_poisson_interval(count: int, exposure: float) -> tuple[float, float]:
@@ -688,15 +715,16 @@ def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
     head = [
         "case",
         "estimator",
-        "hours",
+        "driving time [h]",
         "changes reported",
-        "false",
-        "false per hour (95 %)",
-        "runs with any",
+        "false changes",
+        "false changes per hour (95 %)",
+        "runs with false changes",
     ]
     text = (
-        "A change of regime counts as reported if the estimator gives it a probability above "
-        f"{100 * SURE:g} %. It is false unless the truth changed in the {AFTER:g} s before it. Intervals "
-        "are exact for a Poisson process."
+        "A change of regime is a change of the stiffness of all tyres or of one axle, or a restart of the "
+        f"filter. It counts as reported if its probability is above {100 * SURE:g} %. It is false if the "
+        f"true stiffness did not change in the {AFTER:g} s before it. Intervals are exact for a Poisson "
+        "process."
     )
     return Table("Changes of regime", head, rows, 2, text)
