@@ -592,7 +592,7 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
     for name, (content, why) in said.items():
         (first / f"{name}.tse").write_bytes(content + struct.pack("<I", zlib.crc32(content)))
         done = estimate(first, "second", "--load-learnt", f"{name}.tse", codes=(2,))
-        assert f"{name}.tse: the learnt state was written by {why}" in done.err
+        assert f"{name}.tse: the learnt state" in done.err and f"was written by {why}" in done.err
 
 
 def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
