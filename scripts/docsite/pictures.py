@@ -191,8 +191,8 @@ def shrink_picture(path: Path) -> None:
     """Reduce the number of colours of a PNG to COLOURS, and then its width and height
     until the file has at most MAX_PICTURE_BYTES.
 
-    The palette consists of the most frequent colours, not of means of similar colours: a
-    mean of the colours of an interval's pale area and of its lines would tint the area.
+    The palette has the most frequent colours. Means of similar colours would change the
+    colour of large areas.
     """
     from PIL import Image
 

@@ -646,8 +646,8 @@ def select_results(
     name
         File name without suffix.
     rows
-        Texts of the first cell or, separated by " | ", of the first cells. For each text,
-        the first row that begins with it is selected.
+        For each text, the first row that begins with it is selected. A text has whole
+        cells, separated by " | ".
     keep
         Indices of the columns to select.
     head

@@ -11,7 +11,7 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
 {
   memset(loop, 0, sizeof *loop);
   loop->coming.missing = NOTHING;
-  /* < 0 if this build rounds differently from the tested ones, e.g. by -ffast-math */
+  /* fails if this build rounds differently from the tested ones, e.g. by -ffast-math */
   tse_status status = tse_self_test(wrong);
   if (status >= 0) status = tse_prepare(c, &loop->params, wrong);
   if (status >= 0) status = tse_reset(&loop->params, &loop->filter, sizeof loop->filter);

@@ -1,2 +1,2 @@
-"""Public functions and classes of tse, one module a workflow. `import tse` offers
-them."""
+"""Public functions and classes of tse, with a module for each workflow. Use them as
+tse.NAME after `import tse`."""

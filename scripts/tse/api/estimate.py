@@ -208,11 +208,12 @@ class Result(Shown):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """The `messages` about what may be wrong, in this order: `warnings`; doubts;
-        warnings from reading the log. A doubt is a contradiction that is not certain:
-        between channels, or between the vehicle file and the calibration on this log. If
-        the estimates confirm that channels contradict each other, the doubts become
-        `warnings`."""
+        """Sentences about what may be wrong: first `warnings`, then possible
+        contradictions, then problems found while the log was read.
+
+        A possible contradiction is one between channels, or between the vehicle file and
+        the calibration on this log. It is one of the `warnings` instead if the estimates
+        show that channels contradict each other."""
         _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 

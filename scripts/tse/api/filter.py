@@ -112,11 +112,10 @@ class Filter:
         """[s] Delay of each channel relative to yaw_rate.
 
         The delays are settings such as `steer_angle_latency`, or the table
-        `{"latency": {"steer_angle": 0.02}}` of a vehicle. The value that a delayed
-        channel had at the time of a row arrives in a later row, and only then is the row
-        used. So the estimates that step() returns refer to a time that is `estimate_age`
-        [s] before its row. If step() cannot use any row yet, the status is WAITING, and
-        the estimates do not change."""
+        `{"latency": {"steer_angle": 0.02}}` of a vehicle. The filter waits for delayed
+        channels. So the estimates that step() returns refer to a time that is
+        `estimate_age` [s] before its row. If a step must still wait for a channel, the
+        status is WAITING, and the estimates do not change."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
             for c in CHANNELS

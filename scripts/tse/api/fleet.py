@@ -63,12 +63,12 @@ class Fleet(Shown):
     def ranking(self) -> tuple[tuple[str, str], ...]:
         """A pair for each car: its name, and a sentence.
 
-        The sentence states the latest cornering stiffness of the front or of the rear
-        axle, whichever is smaller. If no cornering stiffness is known, the sentence
-        states the longitudinal stiffness. If no stiffness is known, it gives the reason.
-        First come the cars with a cornering stiffness, the smallest stiffness first. Then
-        come the cars with only a longitudinal stiffness, the smallest first. The cars
-        without a known stiffness come last."""
+        The order of the cars, and what the sentence states:
+        1. cars with a known cornering stiffness: the latest, of the softer axle
+        2. cars with only a known longitudinal stiffness: the latest
+        3. cars without a known stiffness: the reason
+
+        In groups 1 and 2, the car with the smallest such stiffness comes first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -175,9 +175,8 @@ def fleet(
         Files, folders and glob patterns.
     vehicle
         Vehicle of all logs, as in estimate(). If `car` is None, the logs of each folder
-        belong to a separate car with the name of the folder. Inside a folder that `logs`
-        names, only its direct subfolders count: with logs="all", the log all/a/may/1.csv
-        belongs to the car a.
+        belong to a separate car with the name of the folder. Deeper folders do not make
+        cars: with logs="all", the log all/a/may/1.csv belongs to the car a.
     out
         Folder for the files, created if needed. A later call with the same folder
         estimates only logs that are new or have changed.
@@ -195,9 +194,9 @@ def fleet(
     learn
         Whether each drive starts from the learnt state of the previous drive of the car.
     calibrate
-        Whether a car is calibrated before its logs are estimated if its vehicle file has
-        neither a table [calibration] nor a table [uncertainty]: on its first four logs
-        together or, if `learn` is False, on each log separately.
+        True: a car whose vehicle file has neither a table [calibration] nor a table
+        [uncertainty] is first calibrated, on its first four logs together. If `learn` is
+        False, it is calibrated on each log separately. False: no calibration.
     reports
         Whether an HTML page is written for each log.
     estimates

@@ -229,7 +229,7 @@ def gap_check(
     progress: Callable[[str], None] | None = None,
 ) -> GapCheck:
     """Find out which effects gap() would detect in these logs if the car had them, as
-    `tselab gap check` does. There is no search for effects that the car does have.
+    `tselab gap check` does.
 
     Parameters
     ----------
@@ -298,10 +298,9 @@ def gap_plan(
     Returns
     -------
     GapPlan
-        Every candidate manoeuvre, with the evidence [nat] that driving it once gives for
-        the effect that the car has, against the other effect. This evidence is computed
-        twice, for a car with the first effect and for a car with the second, and the
-        smaller value is given.
+        Every candidate manoeuvre, with the evidence [nat] that one run of it gives. Two
+        cars are simulated, one with each effect. The evidence is for the effect of the
+        car, against the other effect. The smaller of the two values is given.
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:

@@ -106,9 +106,9 @@ def simulate(
         0, the wheel speeds of a steady drive would be constant, which the filter takes
         for a frozen sensor.
     road
-        Road that the car drives on: a file road.csv or a Road. The bank and grade of a
-        row are those of the road at the distance travelled. If the road has positions,
-        the log has the position of this point of the road.
+        Road that the car drives on: a file road.csv or a Road. Each row has the bank and
+        grade of the road at the distance travelled. If the road has positions, the log
+        also has columns with the position of the car.
     bar
         Show a progress bar on standard error.
 

@@ -104,12 +104,11 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
     vehicle
         As in read_vehicle().
     path
-        The header. An existing file is replaced. The header defines the function
-        tse_config_car(&c). Call this function after tse_config_default(&c). The settings
-        in c are then those of estimate() for a log with 100 rows per second, except for
-        noise and biases that the vehicle does not state: estimate() estimates these from
-        the log. If the rows of your program have a different rate, also set
-        c.sample_time.
+        The header. An existing file is replaced. It defines tse_config_car(&c), to be
+        called after tse_config_default(&c). At other rates than 100 rows per second, also
+        set c.sample_time. The settings are those of estimate(), except for noise and
+        biases that the vehicle does not state: they keep their defaults, while estimate()
+        estimates them from the log.
 
     Returns
     -------
