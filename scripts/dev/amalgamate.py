@@ -4,8 +4,9 @@
     python3 scripts/dev/amalgamate.py --out FOLDER
         write tse.h, tse.c, LICENSE, NOTICE
     python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
-        write the same files. By default, numbers are then float, and the effects
-        (deviations of a car from the plain model), simulator and replay are left out
+        write the same files, but tse.h selects float unless the user defines another
+        number format, and leaves out effects (deviations of a car from the plain model),
+        simulator and replay
 
 scripts/dropin/README.md describes how to compile the two files. tse.c contains the files
 of src, in the order of src/CMakeLists.txt. In tse.c, each function or variable that is
@@ -179,7 +180,7 @@ def rename_words(text: str, names: dict[str, str]) -> str:
 
 
 def make_static(text: str, public: set[str]) -> str:
-    """Return a source with all variables static, and all functions that are not `public`.
+    """Make all variables static, and all functions except `public`. Return the source.
 
     `extern` declarations of variables are removed. They are not needed, because in tse.c
     the definition of a variable stands above its uses. With `static` instead of `extern`,
@@ -201,8 +202,8 @@ def make_static(text: str, public: set[str]) -> str:
 class Amalgamation:
     """Makes the texts of tse.h and tse.c.
 
-    `defaults`: values of build options. The two files use them unless the program that is
-    compiled defines the macro. Key: "real" (number format) or the name of a macro."""
+    `defaults`: values of macros that tse.h defines if the user does not. Key: name of the
+    macro, or "real" for the number format."""
 
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()

@@ -153,7 +153,7 @@ def measure() -> None:
 
 
 def main() -> int:
-    """Run the studies (--study), describe the FMUs (--fmu), or measure other results."""
+    """Run studies (--study), describe the FMUs (--fmu), or measure sizes and times."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -149,7 +149,7 @@ def check_asked(asked: argparse.Namespace, rows: str) -> None:
 def write_row(asked: argparse.Namespace, entry: str) -> str:
     """Return the section of effects.toml for the effect.
 
-    `asked`: options of the script; `entry`: where the effect acts, from HOOKS."""
+    `asked`: options of the script; `entry`: part of the model that the effect changes."""
     small, large = asked.typical
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
     return f"""

@@ -35,9 +35,9 @@ import machines as m
 
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
-# [bytes] RAM of a microcontroller that must be left for the stack. Float at -O2 needs
-# 4 476 for tse_step(), the rest for settings and outputs in main(). Double needs more. It
-# gets more, because the stack may use all remaining RAM: 4 MB on boards that run double.
+# [bytes] min RAM for the stack; with less, the program does not link. In float at -O2,
+# tse_step() needs 4 476; the rest is for settings and outputs in main(). Double needs
+# more, but runs only on boards with 4 MB of RAM, all free RAM of which is for the stack.
 STACK = 5_500
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\

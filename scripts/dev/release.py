@@ -267,8 +267,8 @@ def make_release(
     """
     commit = run_git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
-    # The path differs in each call. --twice therefore also checks that no byte of the
-    # release depends on the path.
+    # The temporary folder has a new name in each call. --twice therefore also checks that
+    # no byte of the release depends on the folder.
     with tempfile.TemporaryDirectory(prefix="release-", dir=ROOT / "build") as work:
         export = Path(work) / "tse"
         export.mkdir()

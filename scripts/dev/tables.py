@@ -48,12 +48,12 @@ CONFIG = (
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
-# In the tables ONLY_IN, some settings act in one filter only. Their column `filter` names
-# this filter, the key of ONLY. The value of ONLY is appended to the text of the setting.
+# Tables with settings that only one filter uses. Key of ONLY: this filter (column
+# `filter`). Value: text that is appended to the text of the setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; no effect in the paper's filter", "paper": "; no effect in the default filter"}
-# First part of the text in tse_describe_effects() on how the filters use an effect
-# (describe_use()). Key: value of the column `filter` of the effect.
+# Key: column `filter` of an effect. Value: which filters use the effect, as text for
+# tse_describe_effects().
 USES = {
     "both": "both filters use it",
     "default": "the default filter uses it, the paper's does not",
@@ -63,7 +63,7 @@ Row = dict[str, Any]
 
 
 def read(name: str) -> Row:
-    """Return a table of src/tables with the columns of its TOML file only."""
+    """Return a table of src/tables, unchanged."""
     table = tomllib.loads((ROOT / "src" / "tables" / f"{find_file(name)}.toml").read_text(encoding="utf-8"))
     return table[name] if name in SECTIONS else table
 
@@ -76,14 +76,16 @@ def find_file(name: str) -> str:
 def read_settings(name: str) -> dict[str, Row]:
     """Return the settings of a table by name: defaults, range, unit and text of each.
 
-    Each setting has its columns of the TOML file. These columns are added or replaced:
-    exact: value in tse_config_exact(), for a car whose parameters are known exactly. It
-    is the column `default` of the file;
-    default: value in tse_config_default(), for an ordinary car: from uncalibrated.toml if
-    it is there, otherwise as `exact`;
+    Each setting has the columns of the TOML file, but these are added or replaced:
+    exact: value in tse_config_exact(), for a car whose parameters are known exactly: the
+    `default` of the TOML file;
+    default: value in tse_config_default(), for an ordinary car: the value in
+    uncalibrated.toml if that file has the setting, otherwise the same as `exact`;
     whole: True if the setting is an integer;
-    filter: filters whose estimates depend on the setting; "both" if the file does not
-    state this column.
+    filter: filters whose estimates depend on the setting; "both" if the TOML file has no
+    such column;
+    unit, replaced_by: "" if the TOML file has no such column;
+    text: names the filter that does not use the setting, if any (ONLY).
     """
     table = read(name)
     if name == "formula":
@@ -703,7 +705,8 @@ def fold_remark(code: str, gap: str, remark: str) -> list[str]:
 def split_text(word: str, room: int) -> list[str]:
     """Split a C string literal of more than `room` characters into several literals.
 
-    The C compiler joins adjacent literals. Any other word is returned unchanged."""
+    The C compiler joins adjacent literals. A shorter literal, or a word that is no
+    literal, is returned unchanged."""
     if not word.startswith('"') or len(word) <= room:
         return [word]
     end = word.rindex('"')
