@@ -93,10 +93,9 @@ def read_settings(
     """Check all settings of a command line, and return them by name.
 
     `pairs`: the values of --set. `options`: settings that have an option of their own,
-    such as --seed; a value None means that the option was not given. `simulator`: True
-    in `tselab simulate`, where --set may also give settings of the simulator. A
-    setting may be given in both ways. Then the value of --set is used or, if
-    `simulator` is True, the value in `options`."""
+    such as --seed; None: not given. `simulator`: whether --set may also give settings of
+    the simulator (`tselab simulate`). If `pairs` and `options` give the same setting,
+    `pairs` is used or, if `simulator`, `options`."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -125,9 +124,8 @@ def convert_age(days: float | None, load_learnt: Path | None) -> float:
     filter state. Raise Error if `days` is given without `load_learnt`, or is outside
     0 .. MAX_AGE.
 
-    `days`: value of --age. None: --age is not given, and UNKNOWN_AGE is returned;
-    tse.estimate() then uses the age of the file. `load_learnt`: file of the learnt state
-    (--load-learnt); None: no learnt state."""
+    `days`: value of --age. If None, return UNKNOWN_AGE, so that tse.estimate() uses the
+    age of the file. `load_learnt`: file of the learnt state; None: no learnt state."""
     import tse
 
     if days is None:
@@ -307,14 +305,14 @@ RESTART = click.option("--restart", is_flag=True, help="Discard runs that are al
 
 
 class Lazy(click.Command):
-    """A command with tables at the end of its --help. The functions that make the tables
-    load the C library, which takes time. They are called only if --help is given.
+    """A command with tables at the end of its --help. The tables are made only for
+    --help, because making them loads the C library, which takes time.
 
     Parameters
     ----------
     tables
-        Pairs of a title and a function that returns the text of the table, or the name of
-        such a function in tse.tables.
+        Pairs (title, function). The function returns the text of the table. It may be
+        given by its name in tse.tables.
     """
 
     def __init__(

@@ -51,12 +51,12 @@ def replay(
     tselab replay drive.csv --vehicle car.toml --report before.html
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
-    The single-track model is simulated with the logged steering angle and wheel speeds.
-    The simulation contains what the vehicle file adds to the model: effects (such as body
-    roll or a steering lag), latencies, and an effect of your own ('tselab formula'). At
-    speeds above 3 m/s, the simulated accel_x, accel_y and yaw_rate are compared with the
-    measured ones. No parameter is fitted. Without --road the simulated road is level, so
-    bank and grade of the real road are part of the difference.
+    The single-track model is simulated with the logged steering angle and wheel speeds,
+    and with the effects (such as body roll, a steering lag, or a formula of your own) and
+    latencies of the vehicle file. Above 3 m/s, the simulated accel_x, accel_y and
+    yaw_rate are compared with the measured ones. No parameter is fitted. Without --road
+    the simulated road is level, so bank and grade of the real road are part of the
+    difference.
     """
     import tse
     from tse.files import check_distinct, check_writable

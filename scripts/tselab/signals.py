@@ -72,11 +72,10 @@ def signals(
     ASC, TRC, candump, BUSMASTER, and CSV with a frame per row (CANedge, Cabana, SavvyCAN,
     python-can). A file of any format may be compressed with gzip.
 
-    Memory: of a large log only a part is in memory at a time: one channel, or a block of
-    frames or CSV rows. 'tselab estimate' keeps the channels that it needs in memory.
-    Three formats need more memory: a CSV with the column names of tse and a file of
-    openpilot are read as a whole, and so is each variable of a MAT 5 file (a struct is
-    one variable).
+    Memory: only a part of a log is in memory at a time: one channel, or a block of frames
+    or CSV rows. 'tselab estimate' keeps the channels that it needs. Read as a whole are a
+    CSV with the column names of tse, a file of openpilot, and each variable of a MAT 5
+    file (a struct is one variable).
 
     Exit code: 0 a signal was found for every channel; 3 some channels
     are missing; 2 bad input.

@@ -77,9 +77,9 @@ def montecarlo(
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
     Every finished run is kept in DIR/runs.jsonl, where DIR is the directory of --out.
-    After Ctrl-C the same command continues with the remaining runs. If a later command
-    has larger --runs or further --cases, only the missing runs are done. Runs with
-    different settings or a different library are not reused.
+    After Ctrl-C the same command continues with the remaining runs. With larger --runs or
+    more --cases, only the missing runs are done. Runs with different settings or a
+    different library are not reused.
 
     --study NAME+ekf adds an extended Kalman filter to the estimators of the study NAME.
     All estimators get the same simulated logs. NAME+module.function adds a Python

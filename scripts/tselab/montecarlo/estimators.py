@@ -39,13 +39,11 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")  # the extended Kalman filters of peers.py
-# Estimators that always run with the same form. A form is a value of the option --form
-# ("default", "robust" or "paper"), and stands for settings that select a filter of the C
-# library. Key: estimator. Value: its form. Other estimators have the form of the option
+# Form of each estimator that does not use the option --form. A form ("default", "robust"
+# or "paper") is a set of settings that selects a filter of the C library
 FORM_OF_ESTIMATOR = {"robust": "robust", "paper": "paper", "printed": "paper"}
-# Settings in which the estimator "printed" differs from "paper". "printed" starts at the
-# speed of Sec. IV-A of the paper, not at that of the wheels, and integrates by the Euler
-# method
+# Settings in which the estimator "printed" differs from "paper": initial speed 22 m/s
+# (Sec. IV-A of the paper) instead of the wheel speed, and Euler integration (0)
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
@@ -81,10 +79,10 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Return the settings of an estimator. They are set in this order, and a later value
-    overrides an earlier one:
-    1. INITIAL_SETTINGS,
-    2. settings of the form: that of FORM_OF_ESTIMATOR or, if it has none, `form`,
+    """Return the settings of an estimator, merged in this order (a later value
+    overrides an earlier one):
+    1. INITIAL_SETTINGS, which all cases of all studies have,
+    2. settings of the estimator's form: that in FORM_OF_ESTIMATOR, else `form`,
     3. settings of the user, `settings`,
     4. settings of the case, `about`,
     5. settings that the name of the estimator gives (get_overrides())."""
@@ -146,15 +144,13 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
 
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
-    """Return the true values of a drive that an extended Kalman filter of peers.py gets:
-    noise sds, spread of the stiffness, and times at which the road surface changes. The
-    result also contains the forgetting factor.
+    """Return the arguments of an extended Kalman filter of peers.py: the true noise sds,
+    spread and change times of the drive, and the forgetting factor.
 
-    The spread is the sd with which a stiffness varies from sample to sample. In the
-    simulation, the ratio of spread to stiffness is constant. The filter "known"
-    (`changes` True) gets this ratio. In each row, the filter multiplies it by the
-    estimated stiffness. The filter "ekf" (`changes` False) assumes a constant spread, so
-    it gets the ratio multiplied by the true stiffness at the start."""
+    The spread is the sd of a stiffness from sample to sample. The simulated spread is
+    proportional to the mean stiffness. The filter "known" (`changes` True) gets the
+    ratio, and multiplies it by its estimate. The filter "ekf" (`changes` False) gets the
+    true spread at the start of the drive, relative to nominal, and keeps it."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

@@ -1,9 +1,8 @@
 """An extended Kalman filter that has the true covariances. tse is compared with it.
 
-The state is z = (x, mu, b, eps), where x = (vel_x, vel_y, yaw_rate), mu is the mean
-deviation of the three stiffnesses from nominal, b are the sensor biases, and eps is the
-additional deviation of the stiffnesses in this row. eps_k affects both the measurement of
-row k and the motion until row k + 1:
+The state is z = (x, mu, b, eps), where x = (vel_x, vel_y, yaw_rate), b are the sensor
+biases, and mu + eps = stiffness / nominal - 1 for the three stiffnesses: mu is the mean,
+eps is white noise. eps_k affects the measurement of row k and the motion to row k + 1:
 
     y_k = h(x_k, mu + eps_k) + b_k + e_k
     x_{k+1} = f(x_k, mu + eps_k)
@@ -11,8 +10,7 @@ row k and the motion until row k + 1:
 
 where y_k are the measurements, e_k is their white noise, h is observe() and f is move().
 Because eps_k is in both equations, process noise and measurement noise are correlated.
-The filter takes this correlation into account exactly, because eps_k is a part of its
-state. No library with such a filter was found.
+With eps_k in the state, P contains this correlation.
 
 src/EQUATIONS.md has the equations with the numbers that are used here. Equations (1) to
 (4) are implemented here in numpy, independently of the C library. Their derivatives are
@@ -29,8 +27,8 @@ from tse.log.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)  # indices of the parts of z
 LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
-# Max product of integration step and fastest decay rate, for accuracy: the error of one
-# Runge-Kutta step is then below 0.8^5/120 = 0.3 % of the state before the step
+# Max product of integration step and fastest decay rate. It limits the error of one
+# Runge-Kutta step to about 0.8^5/120 = 0.3 % of the state
 MAX_STEP_PRODUCT = 0.8
 TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
@@ -50,12 +48,12 @@ class Known:
     """Arguments of an extended Kalman filter of this file: true noise sds, true spread
     and true times of changes of the simulation, and the forgetting factor."""
 
-    # sd of each stiffness from sample to sample: for the filter "ekf" relative to
-    # nominal, for the filter "known" relative to the mean stiffness in the row
+    # sd of each stiffness from sample to sample, relative to nominal (filter "ekf") or
+    # to the estimated mean stiffness (filter "known")
     spread: tuple[float, float, float]
     noise_sd: tuple[float, float, float]  # noise sd of accel_x, accel_y [m/s2] and yaw_rate [rad/s]
-    # forgetting factor of the mean stiffness per time of the setting sample_time. The
-    # filter "known" has no forgetting, and does not use this value
+    # forgetting factor of the mean stiffness for one sample_time (a setting). The filter
+    # "known" does not use it
     forgetting: float = 0.99
     # steering angle between two rows. True: constant; False: it changes linearly
     held: bool = False
@@ -105,9 +103,8 @@ def move(
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    # The decay rates [1/s] of vel_x, vel_y and yaw rate at nominal stiffness are
-    # along / speed, across / speed and yaw / speed. The factor 1.5 is a margin for a
-    # stiffness above nominal
+    # At nominal stiffness vel_x, vel_y and yaw rate decay at along / speed,
+    # across / speed and yaw / speed [1/s]. 1.5 allows for stiffness up to 1.5 * nominal
     steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / MAX_STEP_PRODUCT), 1, 50))
     h = dt / steps
     for k in range(steps):
@@ -134,18 +131,19 @@ def _find_conditions(
 
     `known`: whether a row has all inputs, i.e. steering angle and wheel speeds.
 
-    A restart sets the speed to that of the wheels, the lateral velocity to 0, and the yaw
-    rate to that of the gyro. The states restart in each row
-    - that is the first row,
-    - in which a wheel is slower than the setting hold_speed,
-    - whose inputs have been missing for more than the setting max_gap,
-    - that comes directly after a row with low speed, or with inputs missing for so long,
-    - that is more than max_gap after the previous row.
+    A restart sets vel_x from the wheel speeds, vel_y to 0, and the yaw rate from the
+    gyro. The states restart in
+    - the first row,
+    - a row with a wheel slower than the setting hold_speed,
+    - a row before the first complete inputs, or more than the setting max_gap after the
+      last complete inputs,
+    - the row directly after a row of the two previous kinds,
+    - a row more than max_gap after the previous row.
 
-    At low speed, in reverse and with a large steering angle the model is not valid, so no
-    measurement of such a row is used. In a row without inputs, the filter runs with the
-    last known inputs (_hold_inputs()), which may be wrong, so no measurement of such a
-    row is used. A measurement outside its range is never used."""
+    No measurement is used in a row with a wheel slower than hold_speed (also in reverse)
+    or a steering angle above max_steer, where the model is not valid, and in a row with
+    a missing input, where the last known input may be wrong. A measurement outside its
+    range is never used."""
     time = np.cumsum(dt)
     slow = np.minimum(u[:, 1] * c.wheel_radius_front, u[:, 2] * c.wheel_radius_rear) < c.hold_speed
     last = np.maximum.accumulate(np.where(known, np.arange(len(time)), -1))
@@ -153,8 +151,8 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    # Measurement 2 is the yaw rate. A restart sets the yaw rate of the state from the
-    # measured yaw rate of the row. So an update must not use this measurement again
+    # a restart sets the yaw rate of x from the measured yaw rate (index 2), so the update
+    # must not use this measurement again
     usable[restart, 2] = False
     return restart, usable
 
@@ -175,8 +173,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
     """Run an extended Kalman filter on a log. Return the estimates after each row. The
     stiffnesses are relative to nominal.
 
-    `kind`: "ekf" has a forgetting factor. "known" has no forgetting factor, but increases
-    the variance of the mean stiffness at the times of the true changes, known.changes.
+    `kind`: "ekf" (has a forgetting factor) or "known" (has none, but increases the
+    variance of the mean stiffness at the true change times `known.changes`).
     `rows`: inputs with the fields of NativeFilter.inputs(); NaN is a missing value."""
     c, is_known = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
@@ -218,9 +216,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
         if is_known:
-            # As in the simulator, the sd of eps is proportional to the mean stiffness.
-            # eps of this row is independent of all other states, so only its diagonal
-            # block of P is set
+            # as in the simulator, the sd of eps is proportional to the mean stiffness.
+            # The cross-covariances of eps in P are 0 before the update
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)
@@ -243,8 +240,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
             )
         )
-        # forgetting, equation (17): scale the rows and columns of the mean stiffness in
-        # P. The variance of the mean stiffness grows, at most up to the initial variance
+        # forgetting, equation (17): scale the rows and columns of mu in P, so that its
+        # variance grows, but not above the initial variance
         if len(use) and not is_known:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

@@ -165,10 +165,9 @@ def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
 
 
 def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Draw the longitudinal stiffness relative to nominal, and the standard deviation
-    with which it varies from sample to sample. The default filter does not estimate this
-    standard deviation. In its plot, the standard deviation of the mean stiffness is drawn
-    instead."""
+    """Draw true and estimated longitudinal stiffness relative to nominal, and the true
+    and estimated sd of the stiffness from sample to sample. The default filter does not
+    estimate this sd: the sd of its estimate of the mean stiffness is drawn instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
     axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
@@ -206,8 +205,8 @@ def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
 
 
 def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Draw true and estimated stiffness relative to nominal, and the estimate minus and
-    plus its sd. In this drive the estimate starts 20 % too low."""
+    """Draw a true stiffness, its estimate, and the estimate minus and plus its sd, all
+    relative to nominal."""
     mean, sd = y[key], y[f"{key}_sd"]
     axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, mean, color=RED, label="stiffness")

@@ -1,17 +1,15 @@
-"""Score one estimator on one drive. The scores are a row of numbers. In the simulator the
-stiffness varies at random from sample to sample about a mean. All errors are relative to
-this true mean stiffness in the same row. For tyres that saturate, the truth is the secant
-stiffness (force / slip): an estimator with a linear tyre model converges to the secant
-stiffness, not to the stiffness at zero slip (compute_felt_stiffness()).
+"""Score one estimator on one drive. The simulated stiffness varies at random from sample
+to sample about a mean. The errors of the estimates are relative to this true mean. If
+tyres saturate, the truth is the secant stiffness (force / slip), to which an estimator
+with a linear tyre model converges (compute_felt_stiffness()).
 
 A wrong estimate, or a right one that is flagged as not valid, counts against an estimator
 only if the stiffness was observable. Observability is computed from the true motion. The
-regressor phi of a stiffness is proportional to the slip: it is the derivative of the
-acceleration with respect to stiffness / nominal, divided by the noise sd of the
-accelerometer. Here phi is computed from the noise-free slips (src/paper/row.c computes it
-from estimates). A filter with a forgetting factor has a memory of 1/(1 - forgetting)
-rows. E[phi^2] and var(phi) over the last 2 memory rows give the best-case sd, i.e. the
-smallest sd that an estimate of the mean stiffness can have, relative to nominal:
+regressor phi of a stiffness is the derivative of the acceleration with respect to
+stiffness / nominal, divided by the noise sd of the accelerometer. It is proportional to
+the slip. A filter with a forgetting factor has a memory of 1/(1 - forgetting) rows. With
+E[phi^2] and var(phi) over the last 2 * memory rows, the best-case sd, i.e. the smallest
+sd that an estimate of the mean stiffness can have, relative to nominal, is
 
     sqrt((1 + E[phi^2] * spread^2) / (memory * var(phi)))
 
@@ -35,11 +33,11 @@ from tselab.montecarlo.peers import LOW_SPEED
 # An estimate has diverged if its relative error exceeds DIVERGED_ERROR for longer than
 # DIVERGED_FOR [s]
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
-# [s] Errors are not scored for this time after the start of the drive, after an event (a
-# change of the true stiffness, Case.events), after a row that a simulated fault has made
-# unusable, and after a row with a tyre beyond its linear range
+# [s] Errors are not scored for this time after the start of the drive, an event (change
+# of the true stiffness), a row made unusable by a simulated fault, or a row with a tyre
+# beyond its linear range
 SETTLE_AFTER = 10.0
-VALID_AFTER = 5.0  # [s] the valid flag is not scored for this time after the start of the drive
+VALID_AFTER = 5.0  # [s] false_valid (see SHARES) does not count earlier rows of the drive
 CLOSE = 0.10  # an estimate is right if its relative error is smaller than this
 # A stiffness is clearly observable if its best-case sd (see the top of this file) is
 # below valid_sd / CLEARLY, and clearly unobservable if it is above valid_sd * CLEARLY.
@@ -49,27 +47,26 @@ CLEARLY = 2.0
 # from the row; the same value as in src/paper/row.c
 REVERSE_SPEED = -0.1
 SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
-# Names of the shares of rows that score_run() returns, in the order in which it computes
-# them. "Of the rows ..." gives the denominator, the rest the numerator.
-#   false_valid         of the rows flagged valid: error above DIVERGED_ERROR
-#   false_invalid       of the scored rows with an error below CLOSE: not flagged valid
-#   valid_unobservable  of the rows in which the stiffness is unobservable: flagged valid
-#   reason_right        of the rows in which the stiffness is unobservable: flagged not
-#                       valid, for one of UNKNOWN_REASONS
-#   corrupted_reported  of the rows that a simulated fault has made unusable: not flagged
-#                       valid, or with the status that a measurement is missing
+# Shares of rows that score_run() computes, in this order. Each is described as
+# "denominator: numerator".
+#   false_valid         rows flagged valid: those with an error above DIVERGED_ERROR
+#   false_invalid       scored rows with an error below CLOSE: those not flagged valid
+#   valid_unobservable  rows with unobservable stiffness: those flagged valid
+#   reason_right        rows with unobservable stiffness: those flagged not valid, for one
+#                       of UNKNOWN_REASONS
+#   corrupted_reported  rows made unusable by a simulated fault: those not flagged valid,
+#                       or with the status that a measurement is missing
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 # a change of regime (a change of the stiffness, or a restart of the filter) counts as
 # reported if its probability is at least this
 SURE = 0.9
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
-# [s] a reported change is correct if its time lies between BEFORE seconds before the
-# start and AFTER seconds after the end of a true change. It may lie before the start,
-# because the estimator estimates the time of the change
+# [s] a reported change is correct if its estimated time is at most BEFORE before the
+# start and at most AFTER after the end of a true change
 BEFORE, AFTER = (0.15, 2.0)
-# OFF: a stiffness is wrongly flagged as valid if its relative error exceeds OFF.
-# OFF_FOR: [s] rows with such a flag are counted up to this time after an event
+# A valid flag is wrong if the relative error exceeds OFF. Rows with a wrong flag are
+# counted up to OFF_FOR [s] after an event (change of the true stiffness)
 OFF, OFF_FOR = 0.20, 60.0
 # reasons for "not valid" that are correct if the stiffness is not observable
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
@@ -77,39 +74,35 @@ UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")
 
 @dataclass
 class Knowable:
-    """Best accuracy that is possible for the stiffnesses in each of the n rows of a
-    drive. It is computed from the true motion of the car. The three columns of an array
-    are the three stiffnesses."""
+    """True stiffness, and what can be known of it, in each of the n rows of a drive.
+    Arrays (n, 3) have one column for each stiffness."""
 
     best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf: no estimator learns from the row
-    # (n, 3) true mean stiffness, relative to nominal: the truth for all errors except
-    # that of wrong "valid" flags after an event (`secant`). If tyres saturate, it is the
-    # secant stiffness (force / slip), averaged over the recent rows in the linear range
+    # (n, 3) true mean stiffness, relative to nominal. If tyres saturate: secant stiffness
+    # (force / slip), averaged over the recent rows in the linear range. All errors refer
+    # to it, except those that count as wrong "valid" flags after an event (`secant`)
     level: np.ndarray
     corrupted: np.ndarray  # (n,) whether a simulated fault has made the row unusable (Case.corrupt)
     beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
-    # (n,) whether a row is late enough to be scored. At least SETTLE_AFTER must have
-    # passed since the start, since the last event and since the last row that is
-    # corrupted or beyond the linear range. Since the start, at least 2 memory rows must
-    # have passed (memory: see the top of this file)
+    # (n,) whether the row is at least SETTLE_AFTER after the start, the last event and
+    # the last row that is corrupted or beyond the linear range, and at least
+    # 2/(1 - forgetting) rows after the start
     settled: np.ndarray
     valid_sd: float  # setting of this name: max relative sd of a valid stiffness
-    # (n, 3) as `level`, but averaged over all recent rows, also those beyond the linear
-    # range. score_regimes() compares it with estimates that are flagged valid. None: use
-    # `level`
+    # (n, 3) as `level`, but averaged also over rows beyond the linear range. Truth for
+    # wrong "valid" flags in score_regimes(). None: `level` is the truth
     secant: np.ndarray | None = None
 
     @property
     def observable(self) -> np.ndarray:
-        """(n, 3) whether the stiffness is clearly observable. The best-case sd must be
-        small relative to both the nominal stiffness, to which the valid flag refers, and
-        the truth, to which errors refer."""
+        """(n, 3) whether the stiffness is clearly observable: the best-case sd is below
+        valid_sd / CLEARLY, both relative to nominal and relative to the truth."""
         return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
 
     @property
     def unobservable(self) -> np.ndarray:
-        """(n, 3) whether the stiffness is clearly unobservable: the best-case sd is large
-        relative to both nominal and the truth."""
+        """(n, 3) whether the stiffness is clearly unobservable: the best-case sd is above
+        valid_sd * CLEARLY, both relative to nominal and relative to the truth."""
         return self.best_sd * np.minimum(1, 1 / self.level) > self.valid_sd * CLEARLY
 
     @property
@@ -126,12 +119,11 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     tuple
-        (n, 3) regressor phi of the three stiffnesses: derivative of an acceleration with
-        respect to stiffness / nominal, divided by the true noise sd of the
-        accelerometer. The acceleration is longitudinal for the longitudinal stiffness,
-        and lateral for the two cornering stiffnesses. (n, 2) utilisation of the front and
-        the rear axle: ratio of the force of a linear tyre to the friction limit; 0 if
-        friction is not limited.
+        First (n, 3): regressor phi of each stiffness, i.e. the derivative of the
+        acceleration (accel_x for the longitudinal, accel_y for the cornering stiffnesses)
+        with respect to stiffness / nominal, divided by the noise sd of the accelerometer.
+        Second (n, 2): utilisation of front and rear axle, i.e. the force of a linear tyre
+        divided by the friction limit; 0 if friction is not limited.
     """
     c, truth = d.car, d.truth
     vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
@@ -236,9 +228,9 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
 
 
 def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Return for each row whether at least `wait` seconds have passed since the last time
-    in `moments` before the row. True if there is no such time. `moments`: [s] times in
-    ascending order."""
+    """Return for each row whether the latest of `moments` up to the row is at least
+    `wait` seconds before it. True if all of `moments` are later than the row. `moments`:
+    [s] in ascending order."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
@@ -330,8 +322,8 @@ def compute_log_time(d: CaseDrive) -> np.ndarray:
 def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
     """Return the times [s] of the regime changes that the estimator reports, on the
     time axis of the drive. A regime change is a change of the stiffness of all tyres
-    or of one axle, or a restart of the filter. A change is reported in many rows.
-    Times that follow each other within DISTINCT belong to the same change, and only
+    or of one axle, or a restart of the filter. Each row after a change reports it again,
+    perhaps with another time. Times with gaps up to DISTINCT are one change, and only
     the first of them is returned."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)

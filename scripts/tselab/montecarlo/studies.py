@@ -1,8 +1,8 @@
 """The cases of all studies, and what only these cases need: manoeuvres, and functions
 that put faults, such as lost values, into a simulated log.
 
-A case is a manoeuvre with settings and possibly faults (class Case). "The paper" is the
-one that docs/pages/method/paper.md names.
+A case is a manoeuvre with settings and possibly faults (class Case). "The paper" is cited
+in docs/pages/method/paper.md.
 """
 
 from collections.abc import Mapping
@@ -53,10 +53,9 @@ def drive_square_waves(
 
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
-    """Return the torque [Nm] on the front axle that causes the constant slip `slip` of
-    this axle. The tyre force of the front axle accelerates the car and its rear wheels,
-    which are not driven. The torque balances this tyre force, and also gives the front
-    wheels the acceleration of the car."""
+    """Return the drive torque [Nm] on the front axle that keeps its slip at `slip`. It
+    balances the tyre force, which accelerates the car and its rear wheels, and gives the
+    front wheels the same acceleration."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -132,9 +131,8 @@ def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
     return replace(m, wheel_torque_front=torque)
 
 
-# [m/s] mean and sd of the initial speed in the paper. The paper gives them as the
-# elements of the initial mean x0 and of the initial covariance P0 (1 m2/s2). The initial
-# lateral velocity has the same sd, and the mean 0
+# [m/s] mean and sd of the initial speed in the paper (from its x0 and P0). The initial
+# lateral velocity has mean 0 and the same sd
 PAPER_SPEED, PAPER_SD = 22.0, 1.0
 APPROACH, LANES_END = 10.0, 48.0  # [s] end of the straight approach, end of the drive
 
@@ -261,10 +259,9 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
 
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of the four faults (dropout or frozen channel) in a log
-# [s] The log is divided into consecutive slots, and each slot has one fault. FIRST: start
-# of the first slot. SLOT: length of a slot. JITTER: max time from the start of a slot to
-# the start of its fault. A slot is longer than its fault, so that errors of an estimator
-# that last longer than the fault can be scored in the rest of the slot
+# [s] The log is divided into slots with one fault each. FIRST: start of the first slot.
+# SLOT: length of a slot. JITTER: max time from the start of a slot to its fault. The rest
+# of a slot shows whether the estimator recovers from the fault
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
@@ -533,10 +530,10 @@ def _make_regime_cases() -> tuple[Case, ...]:
     """Return the cases in which the road surface, and with it the true stiffness,
     changes.
 
-    If the change is a step, errors are scored in one window before and one window
-    after it. The first window ends 0.01 s before the change, because the row at the
-    change already has the new true stiffness. If the change is slow, errors are scored
-    in one window from its start to the end of the drive."""
+    For a step, errors are scored in a window before and a window after it. The first
+    window ends 0.01 s before the step, because the row at the step already has the new
+    stiffness. For a slow change, the only window is from its start to the end of the
+    drive."""
     two = ("tse", "known")
     return (
         Case(
@@ -579,11 +576,11 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Return the four cases of the paper. In the cases for Sec. IV-A the inputs change
-    linearly between rows (iv-a), or are constant between rows (iv-a-held). Sec. IV-B
-    describes an experiment with a real car. The cases for Sec. IV-B simulate this
-    experiment, with an initial stiffness that is 20 % too low (iv-b-20) or 20 % too high
-    (iv-b+20)."""
+    """Return the four cases of the paper:
+    - iv-a, iv-a-held: square waves of Sec. IV-A. Between rows the inputs change linearly
+      (iv-a) or are constant (iv-a-held).
+    - iv-b-20, iv-b+20: simulation of the experiment of Sec. IV-B, with an initial
+      stiffness that is 20 % too low or too high."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
