@@ -131,8 +131,9 @@ def _find_conditions(
 
     `known`: whether a row has all inputs, i.e. steering angle and wheel speeds.
 
-    A restart sets vel_x from the wheel speeds, vel_y to 0, and the yaw rate from the
-    gyro. The states restart in
+    A restart sets vel_x from the wheel speeds (in the first row from the setting
+    initial_vel_x, unless initial_vel_x_from_wheels), vel_y to 0, and the yaw rate from
+    the gyro. The states restart in
     - the first row,
     - a row with a wheel slower than the setting hold_speed,
     - a row before the first complete inputs, or more than the setting max_gap after the

@@ -179,10 +179,9 @@ def compute_felt_stiffness(
     the secant stiffness over these rows, weighted with phi^2.
 
     `mean`: true stiffness at zero slip, relative to nominal. `phi`, `use`: from
-    compute_regressors(). `learning`: for each row, False if estimators do not learn from
-    it because of low speed, reverse or a large steering angle. `memory`: number of rows.
-    `linear`: a row is left out of the mean if the utilisation `use` of an axle exceeds
-    `linear`, because no estimator should learn from such a row."""
+    compute_regressors(). `learning`: False in rows with low speed, reverse or a large
+    steering angle. `memory`: number of rows. `linear`: max utilisation `use`. The mean
+    leaves out rows without `learning` and rows in which an axle exceeds `linear`."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
