@@ -36,7 +36,8 @@ class Status(IntEnum):
     """A setting leads to numbers that do not fit the fixed-point format of this build;
     use double or float."""
     E_OLD = -10
-    """The learnt state was written by an older version of this library; learn anew."""
+    """The learnt state (estimates of an earlier drive) was written by an older version
+    of this library; learn anew."""
     E_VEHICLE = -9
     """The learnt state belongs to another vehicle: it was saved with other settings of
     the vehicle, of effects or of the formula."""
@@ -74,10 +75,11 @@ class Status(IntEnum):
     """Standstill, low speed, reverse or large steering angle: stiffness is not
     updated."""
     PREDICTED = 5
-    """All measurements or an input are missing: the filter only predicts."""
+    """The steering angle (paper's filter: or a wheel speed) or all measurements are
+    missing: the filter only predicts."""
     GAP = 6
-    """Long gap between rows, or jump of the sensors: the motion is set from the
-    sensors, all other estimates are kept."""
+    """Long gap between rows or in the steering angle, or jump of the wheel speeds: the
+    motion is set from the sensors, all other estimates are kept."""
     RECOVERED = 7
     """The filter started over, because its state was not finite (memory fault or
     overflow)."""
@@ -85,12 +87,13 @@ class Status(IntEnum):
     """No step in this row: the filter waits for channels with a latency; the estimates
     are those of the last step, or of the start."""
     RANGE = 9
-    """A number of the filter reached the limit of the fixed-point format: the number
-    is kept at this limit, or the sample that led to it is not used."""
+    """A number of the filter is near the limit of the fixed-point format, at which it
+    saturates."""
     IMPLAUSIBLE = 10
-    """The channels contradict each other: one has a wrong unit or sign, belongs to a
-    different axle, or is late; fault_channel names it, fault_factor is the factor
-    by which it is too large."""
+    """The channels contradict each other: one has a wrong unit or sign, front and rear
+    wheel speeds are exchanged, or one is late; fault_channel names the channel,
+    fault_factor is the factor by which it is too large (0: its error is not a
+    factor)."""
 
 
 class Row(TypedDict, total=False):
@@ -130,9 +133,9 @@ class Row(TypedDict, total=False):
     """1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing,
     accel_x decides whether the car brakes [0 .. 1]."""
     wheel_torque_front: float
-    """Drive torque minus brake torque of both front wheels [-20000 .. 20000 Nm]."""
+    """Drive torque minus brake torque, sum of both front wheels [-20000 .. 20000 Nm]."""
     wheel_torque_rear: float
-    """Drive torque minus brake torque of both rear wheels [-20000 .. 20000 Nm]."""
+    """Drive torque minus brake torque, sum of both rear wheels [-20000 .. 20000 Nm]."""
     bank: float
     """Bank of the road, positive if the left side is higher. It includes the
     superelevation of a curve, and is used in place of the settings bank_angle and
@@ -266,11 +269,13 @@ class Estimate(EstimateBase):
     """Kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear
     axle, 4 the filter started over."""
     change_cx_front: float
-    """Ratio of the longitudinal stiffness now to its value before the last change."""
+    """Longitudinal stiffness now / before the last change; 1 before the first change."""
     change_cy_front: float
-    """Ratio of the front cornering stiffness now to its value before the last change."""
+    """Front cornering stiffness now / before the last change; 1 before the first
+    change."""
     change_cy_rear: float
-    """Ratio of the rear cornering stiffness now to its value before the last change."""
+    """Rear cornering stiffness now / before the last change; 1 before the first
+    change."""
     fault_channel: str | None
     """The channel that is most probably faulty; None if no channel is."""
     discrepancy_accel_x: float
@@ -296,8 +301,8 @@ class Estimate(EstimateBase):
     nis_accel_x: float
     """Normalised innovation squared of accel_x. Model errors cause a slowly varying
     part of the innovation, which is estimated and subtracted first. The mean of nis
-    over many rows is 1 if model and settings fit; 0 if accel_x was not used;
-    default filter only."""
+    over many rows is 1 if model and settings fit. 0: accel_x was not used in this
+    row; default filter only."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
