@@ -1,11 +1,10 @@
 """Propose what to drive or measure next, and predict the intervals of both cornering
 stiffnesses that would result.
 
-The fit of the logs has an information matrix, the inverse of the covariance. For a
-proposed manoeuvre, the information matrix of a simulation of it is added. For a proposed
-measurement of a parameter, the inverse of its variance is added. The inverse of the sum
-is the predicted covariance. It is assumed that the residuals of the manoeuvre have the
-same rms and the same correlation time as those of the logs.
+The predicted covariance is the inverse of a sum: information matrix of the fit of the
+logs + information matrix of the proposal. For a manoeuvre, the latter comes from a
+simulation, with residuals of the same rms and correlation time as in the logs. For a
+measurement of a parameter, it is 1/variance of the measurement.
 """
 
 from __future__ import annotations
@@ -128,9 +127,8 @@ def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -
 def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
     """Return the information matrix of the unknowns of the car.
 
-    The unknowns of roads and of single logs are marginalised. A single log has as
-    unknowns its biases and the lean, i.e. the share of the lateral acceleration in curves
-    that the bank of its roads compensates (unknowns.py).
+    All other unknowns are marginalised: bank and grade of the roads, and for each log its
+    biases and lean (share of the lateral acceleration that banked curves compensate).
     """
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
@@ -189,11 +187,8 @@ def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle
 def _compute_added_information(
     problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information matrix of the unknowns of the car that further logs would
-    add to the fit.
-
-    The normal equations of the further logs contain the prior, but the fit of the present
-    logs already contains it. So the information matrix of the prior is subtracted.
+    """Return the information matrix that further logs would add for the unknowns of the
+    car. It is without the prior, because the fit of the present logs already contains it.
     """
     other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
@@ -207,9 +202,8 @@ def _compute_information(
     """Return the information matrix of the unknowns x if the residuals of each channel
     have the rms and the weight in `scales`.
 
-    The matrix depends on the partial derivatives of the residuals, not on their values.
-    So the values are set to 0: the measurements of a manoeuvre that was not driven are
-    unknown.
+    The matrix depends on the partial derivatives of the residuals, not on their values,
+    which are unknown for a manoeuvre that was not driven. So all residuals are set to 0.
     """
     base = problem.compute_residuals(x, z)
     slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)
@@ -217,11 +211,10 @@ def _compute_information(
 
 
 def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
-    """Return a log of a manoeuvre with the same channels and noise sd as the recorded
-    logs. It has inputs (steering angle and wheel speeds).
+    """Return a log of a manoeuvre, with channels and noise sd of the first recorded log.
 
-    The measurements that are compared with the simulation are 0: only partial derivatives
-    of the simulation are needed, which do not depend on them.
+    Its inputs are steering angle and wheel speeds. Its measurements are 0: only partial
+    derivatives are needed, which do not depend on measurements.
     """
     like = problem.logs[0]
     time = like.step * np.arange(

@@ -3,12 +3,12 @@
 Inputs are smoothed, rows are divided into stretches (see FitStretch) and blocks, and the
 noise of the sensors is estimated.
 
-The logged steering angle and wheel speeds are the inputs of the model. The tyre model
-differentiates them and so amplifies their noise. The longitudinal relaxation of the tyres
-is a low pass that reduces this noise. So without smoothing, a fit would estimate too long
-a relaxation length. The smoothing spline is the fixed-interval (RTS) smoother of a signal
-whose derivative is a random walk. The penalty of the spline is set by cross-validation:
-every second row is predicted from the other rows.
+Inputs of the model are steering angle and wheel speeds. The tyre model differentiates
+them and so amplifies their noise. Longitudinal relaxation, a low pass, reduces it. So
+from inputs that are not smoothed, a fit would get too long a relaxation length. The
+smoothing spline is the fixed-interval (RTS) smoother of a signal whose derivative is a
+random walk. Its penalty is set by cross-validation: every second row is predicted from
+the other rows.
 """
 
 from __future__ import annotations
@@ -37,9 +37,8 @@ BLOCK_TIME = 0.04  # [s] length of a block; residuals are compared as means over
 BURN_IN = 1.0  # [s] first part of a stretch; not compared, because the initial state is unknown
 MIN_STRETCH_TIME = 3.0  # [s] shorter stretches are not used: their burn-in is too large a share
 MAX_HOLE = 0.1  # [s] a longer hole in an input ends a stretch
-# [m] sd of the Gaussian that smooths the curvature of a road in compute_curve_accel().
-# The bank is assumed to follow the smoothed curvature, so this is the length of the
-# transition from a level road to the bank of a curve.
+# [m] sd of the Gaussian that smooths the curvature of a road in compute_curve_accel():
+# the bank, assumed to follow it, changes gradually at both ends of a curve.
 CURVE_LENGTH = 12.0
 
 
@@ -288,9 +287,9 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
     With this penalty, a spline of every second row predicts the other rows best.
 
-    The best penalty is the ratio of the noise variance of a row to the variance per
-    second of the random walk (top of this file). This ratio does not depend on the number
-    of rows. So the penalty is also right for the spline of all rows.
+    The best penalty is noise variance of a row / variance of the random walk after 1 s
+    (top of this file). It does not depend on the number of rows, so it also suits the
+    spline of all rows.
     """
 
     def compute_error(exponent: float) -> float:
@@ -476,11 +475,9 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
     """Return for each row 1 if its inputs can be read inside its stretch at every latency
     that a fit may try, otherwise 0.
 
-    If an input has the latency L, its value for the time t is read from the log at t + L.
-    L is at most MAX_FITTED_LATENCY. So rows that lie less than this time before the end
-    of their stretch get 0. A negative latency would lead before the start of the stretch.
-    No test is needed for it, because the first rows of a stretch are in BURN_IN and are
-    not compared.
+    An input with latency L is read at t + L, and L is at most MAX_FITTED_LATENCY. So rows
+    less than MAX_FITTED_LATENCY before the end of their stretch get 0. Rows at the start,
+    where a negative L would matter, lie in BURN_IN and are not compared.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:

@@ -11,10 +11,9 @@ measure_scales(). mean and information describe the prior of x. In each step z i
 eliminated: the information matrix of z is banded, and one sparse factorisation gives the
 Schur complement, a system of equations for x alone.
 
-A residual is the sum of sensor noise and model error. The noise is independent from value
-to value. The model error is correlated over MODEL_TIME, so the model errors of all values
-in this time together count as a single independent error. Compared with independent
-errors, this increases the covariance of x and hardly changes the estimate of x.
+A residual is white sensor noise plus a model error that is correlated over MODEL_TIME. So
+all model errors within MODEL_TIME have the weight of a single one. This increases the
+covariance of x, and hardly changes the estimate of x.
 """
 
 from __future__ import annotations
@@ -34,10 +33,9 @@ HUBER = 4.0  # [rms of the channel's residuals] residual above which the loss is
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
-# If a step hardly reduces the residuals, x is taken to be near the maximum of the
-# posterior density, and residuals are weighted as correlated from then on (see fit()).
-# Condition: in each channel, the rms of the residuals after the step, divided by the rms
-# before the step, is larger than this ratio
+# If (rms of the residuals after a step / rms before it) exceeds this ratio in each
+# channel, the maximum of the posterior density is near. From then on, residuals are
+# weighted as correlated (see fit())
 NEAR_RATIO = 0.9
 MAX_FINAL_STEP = 0.1  # [posterior sd] a step that changes no unknown by more ends the search
 MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
@@ -117,7 +115,8 @@ def measure_scales(
     before
         Result of this function before the last step. Residuals are clipped at HUBER times
         the rms in `before`, so that outliers do not increase the new rms. None: they are
-        clipped at HUBER times 1.48 median |residual|.
+        clipped at HUBER times 1.48 median |residual|. In both cases, the limit is at
+        least HUBER times the sd of the sensor noise.
     near
         True: the search is near the maximum of the posterior density. False: residuals
         are much larger than at the maximum, and are weighted as if they were independent
@@ -125,15 +124,13 @@ def measure_scales(
 
     Notes
     -----
-    rms^2 = noise^2 + model^2, with the sd `noise` of the sensor and the sd `model` of the
-    model error. The noise is independent from value to value. The model errors of all
-    MODEL_TIME/dt values in MODEL_TIME (dt: time between values) together count as a
-    single independent error. So sd^2 = noise^2 + model^2 MODEL_TIME/dt.
+    rms^2 = noise^2 + model^2, with the sd `noise` of the white sensor noise and the sd
+    `model` of the model error. The MODEL_TIME/dt model errors within MODEL_TIME (dt: time
+    between values) have the weight of one: sd^2 = noise^2 + model^2 MODEL_TIME/dt.
 
     `model` has a lower limit, see compute_lasting_error(). For accel_y and yaw_rate it is
-    MIN_MODEL_ERROR times the rms of the signal. Even if residuals contain only noise, the
-    model of a real car has errors. Without the limit, such a fit would have `model` = 0,
-    and its confidence intervals would be too narrow.
+    MIN_MODEL_ERROR times the rms of the signal. Without the limit, `model` could become 0
+    and the confidence intervals too narrow, although the model of a real car has errors.
     """
     found: dict[str, ResidualScale] = {}
     for c in problem.channels:
@@ -311,10 +308,9 @@ def fit(
 
     Notes
     -----
-    Far from the maximum the residuals are large. If they were weighted as correlated
-    ones, the logs would have too little weight against the prior to move x away from the
-    start. So residuals are weighted as independent ones until the maximum is near, see
-    measure_scales().
+    Until the maximum is near, residuals are weighted as independent (measure_scales()).
+    Weighted as correlated, the large residuals far from the maximum would give the logs
+    too little weight against the prior, and x would hardly leave the start.
 
     Partial derivatives by finite differences need a simulation of all logs for each of
     about fifty unknowns, which is nearly all of the computing time. They are simulated at
@@ -431,10 +427,9 @@ def _update_slopes(
 ) -> list[np.ndarray]:
     """Update partial derivatives so that they predict the residuals after a step.
 
-    Many updates achieve this. The smallest one is chosen (Broyden). To make the unknowns
-    in x comparable, the change of a derivative is measured per prior sd of its unknown.
-    The step is `by` in x and `along` in z. `before` and `after` are the residuals before
-    and after the step.
+    Of all such updates, Broyden's is the smallest, with each unknown of x in units of its
+    prior sd. The step is `by` in x and `along` in z. `before` and `after` are the
+    residuals before and after the step.
     """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)

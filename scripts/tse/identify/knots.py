@@ -18,9 +18,8 @@ from scipy.sparse import coo_matrix, csc_matrix
 KNOT_DISTANCE = 40.0  # [m] between knots; the bank of a road changes within 30 .. 60 m
 KNOT_SD = 0.03  # [rad] prior sd of a value of bank or grade; the prior mean is 0
 PROFILES = ("bank", "grade")
-# For the finite differences, one simulation changes the values at every 5th knot, i.e.
-# every 200 m. The effect of a changed value has decayed before the next one begins to
-# act, so at most one changed value influences a residual
+# For finite differences, one simulation changes the values at every 5th knot (every
+# 200 m). This is so far apart that at most one changed value influences a residual
 KNOT_SPACING = 5
 # [knots] The value at a knot begins to act at this distance before the knot: bank and
 # grade are interpolated linearly, so the value has an influence from the previous knot on
@@ -116,13 +115,11 @@ class Knots:
         return found
 
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return, for each distance, the index in z of the changed value that acts there.
+        """Return for each distance the changed value of z that influences the residual.
 
-        `distance` has distances along the road of the log. `step`, a vector of
-        list_moves(), changes the values at some knots. If the simulation is repeated with
-        this change, the residual at a distance changes by the effect of one value only.
-        This is the value at the last changed knot that the car has passed there, or will
-        pass within KNOT_LEAD. If there is no such knot, the index is -1.
+        `distance` [m] is along the road of the log. `step`, a vector of list_moves(), is
+        non-zero at the changed values. The result is the index in z of the last changed
+        knot that is at most KNOT_LEAD ahead; -1 if there is none.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)

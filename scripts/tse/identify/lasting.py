@@ -1,22 +1,19 @@
 """Measure the slow part of residuals by two numbers, power and walk.
 
 power: integral of the autocovariance of the residuals over positive lags [unit^2 s]. The
-variance of an estimate from a long log depends on the autocovariance only through this
-integral. So the residuals have the same effect on this variance as an error that has a
-correlation time of 1 s and the variance power / 1 s. The setting model_sd, which
-describes such an error, is derived from power.
+variance of an estimate from a long log depends on the autocovariance only through it. An
+error with correlation time 1 s and variance power / 1 s has the same integral. The
+setting model_sd, which describes such an error, is derived from power.
 
-walk: sd of a random walk after 1 s [unit/sqrt(s)], such that the spectrum of the random
-walk is nowhere below the spectrum of the residuals. The filter models the bias of the
-channel as a random walk, and walk becomes the setting for its sd. Let D(L) be the mean
-square of the difference of two residuals that are a lag L apart. Then
+walk: sd after 1 s [unit/sqrt(s)] of a random walk whose spectrum is nowhere below that of
+the residuals. It becomes the setting for the bias of the channel, which the filter models
+as a random walk. With D(L), the mean square difference of residuals a lag L apart,
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
-Noise, and errors that last less than SHORT_LAG, contribute equally to D(L) and to
-D(SHORT_LAG), so they cancel. The factor 2 is chosen for residuals that hills cause. With
-variance 1, their autocovariance at the lag t is exp(-t/T) (cos t/T + sin t/T). A random
-walk with walk^2 = 2/T has a spectrum that touches their spectrum but is nowhere below it.
-With the factor 2, the formula gives about this value if T is much longer than SHORT_LAG.
-If the residuals are themselves a random walk, walk^2 is too large by the factor 2.
+Noise and errors shorter than SHORT_LAG add the same to D(L) and D(SHORT_LAG), and cancel.
+The factor 2 suits residuals that hills cause, whose autocovariance at the lag t is
+exp(-t/T) (cos t/T + sin t/T) for variance 1: the spectrum of a random walk with
+walk^2 = 2/T touches theirs from above, and for T >> SHORT_LAG the formula gives about
+2/T. If the residuals are themselves a random walk, walk^2 is too large by the factor 2.
 """
 
 from __future__ import annotations
@@ -112,27 +109,25 @@ def _sum_positive(covariance: np.ndarray) -> float:
 def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the ratio of model error to signal, and the effective number of intervals.
 
-    The signal is the rms of the measured channel (Piece.size). Each log is divided into
-    intervals of LASTING_PIECE_TIME, and the ratio is computed for each interval.
+    The ratio is computed for each interval of LASTING_PIECE_TIME:
+        ratio^2 = power / 1 s / (signal^2 + floor^2).
+    power is the integral of the autocovariance of the residuals (top of this file). An
+    interval has the power of all residuals, times mean square of its residuals / mean
+    square of all. signal is the rms of the measured channel (Piece.size).
 
     Parameters
     ----------
     pieces
         Residuals of a channel, one entry for each log.
     floor
-        A small signal for each value, one array for each log. In the ratio its square is
-        added to the square of the signal, so that intervals with hardly any signal, e.g.
-        straight driving, do not give large ratios.
+        A small signal for each value, one array for each log. It prevents large ratios in
+        intervals with hardly any signal, e.g. straight driving.
 
     Returns
     -------
     share
-        The SHARE_QUANTILE of the ratios of all intervals. The model error in the ratio is
-        sqrt(power / 1 s), where power is the integral of the autocovariance of the
-        residuals (see the top of this file). The power of an interval is the power of all
-        residuals times (mean square of the residuals in the interval / mean square of all
-        residuals). The mean of the ratios would be misleading: a model that is right on a
-        motorway and 15 % off in a hairpin is not 5 % off.
+        The SHARE_QUANTILE of the ratios of all intervals. Their mean would be misleading:
+        a model that is right on a motorway and 15 % off in a hairpin is not 5 % off.
     count
         Effective number of intervals, the sum of signal^2 / (signal^2 + floor^2): an
         interval counts as 1 if its signal is much larger than the floor, and as 0 if it

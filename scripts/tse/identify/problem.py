@@ -6,31 +6,26 @@ of each log a bias. The vector z contains bank and grade along the roads (knots.
 
 Latencies are relative to the gyro. A channel with latency L has at time t the value of
 t - L. So an input is read at t + L, and a simulated output is delayed by L. If a channel
-repeats its samples, L includes the mean age of the values in the rows. But only the rows
-with a new sample are compared, and their values have no such age. So simulate()
-subtracts the mean age from L.
+repeats its samples, L includes the mean age of its values. simulate() subtracts this mean
+age, because only new samples, whose age is 0, are compared.
 
 accel_x is compared as a wheel speed. The difference e = measured - simulated becomes
     y = s + (m v/C) e, with ds/dt = e - s/SPEED_TIME,
-with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s, a leaky
-integral of e, is the difference in the speed of the car. (m v/C) e is the difference in
-the slip speed of the wheels that the additional force m e causes. So y is a difference in
-wheel speeds. A direct comparison of accelerations would be biased: wheel speeds are
+with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s is the
+difference in the speed of the car, and (m v/C) e the difference in slip speed that the
+force m e causes. A direct comparison of accelerations would be biased: wheel speeds are
 inputs, so the simulated acceleration contains the derivative of their noise. Too soft
-tyres and too large wheel latencies would average this noise. So a car with these errors
-would fit accel_x better than the true car. C is computed at the prior mean and stays
-constant in the fit. If C were an unknown, the fit could reduce the residuals by changing
-their definition.
+tyres and too large wheel latencies smooth this noise, so a car with these errors would
+fit accel_x better than the true car. C is fixed at the prior mean: otherwise the fit
+could reduce y by changing C.
 
 The simulation subtracts the mean latency of the wheels from the latencies of the wheels
-and of accel_x. So the fit estimates how much later accel_x is than the wheels. The
-latency that wheels and accel_x have in common relative to the gyro keeps its prior:
-accel_y and yaw_rate do not influence it (such a restriction is called a cut: Liu, Bayarri
-& Berger 2009, Plummer 2015). The reason: the speed hardly changes within a latency, so
-logs contain little information on the common latency. But braking changes the lateral
-forces, and if the model has a small error in this effect, a wrong common latency reduces
-the residuals of yaw_rate, the most accurate channel. Without the cut, the common latency
-would be estimated as 0.1 s.
+and of accel_x. So the fit estimates how much later accel_x is than the wheels. The common
+latency of wheels and accel_x relative to the gyro has no influence on the residuals and
+keeps its prior (a cut: Liu, Bayarri & Berger 2009, Plummer 2015). Without the cut it
+would be estimated as 0.1 s: logs contain little information on it, because the speed
+hardly changes within a latency. But a wrong value would reduce those residuals of
+yaw_rate that come from a small model error in the effect of braking on lateral forces.
 """
 
 from __future__ import annotations
@@ -96,8 +91,8 @@ MIN_BLOCK_FILL = 0.5
 # cars. accel_x has no such limit: with it, the weight of accel_x would be too small to
 # estimate the grade of the road
 MIN_MODEL_ERROR = 0.01
-# share of the error of a measured velocity that is slow, not white, as in the filter
-# (constants.toml)
+# sd of the slow error of a measured velocity / sd of this velocity in the settings, as in
+# the filter (LASTING in constants.toml)
 LASTING_ERROR_SHARE = 0.5
 BOUND_SD = 6.0  # [prior sd] distance of the bounds of leans and biases from the prior mean
 # Setting with the lean of the roads: the share of the lateral acceleration in curves that
@@ -154,8 +149,7 @@ class CarProblem:
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         known = any(log.road for log in self.logs)
         self.leans = len(self.logs) if lean and not known else 0
-        # The setting is 0, because the bank that simulate() passes to the model contains
-        # the lean.
+        # The setting LEAN is 0 if the bank that the model gets already contains the lean.
         self.nominal = config.as_dict() | ({LEAN: 0.0} if lean or known else {})
         self._curves = [compute_curve_accel(log, config) for log in self.logs]
         self._lay_out()

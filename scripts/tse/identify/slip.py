@@ -29,10 +29,9 @@ LONGITUDINAL_KEY = "cx_front"
 RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 
 # Prior sds of the unknowns of the regression.
-# [s] sd of: latency of the front wheel speed - latency of the rear wheel speed. They may
-# come in two CAN messages with a cycle time T of 10 .. 20 ms. A latency that is uniformly
-# distributed over T has an sd of T/sqrt(12) = 3 .. 6 ms, the difference of two such
-# latencies an sd of 4 .. 8 ms
+# [s] sd of: latency of the front wheel speed - latency of the rear wheel speed. If they
+# come in two CAN messages of the cycle time T = 10 .. 20 ms, each latency has the sd
+# T/sqrt(12) (uniform), and their difference an sd of 4 .. 8 ms
 WHEEL_LATENCY_SD = 0.006
 # sd of the relative error of the ratio of front to rear wheel radius in the vehicle file.
 # In the regression, this error is a constant offset of the slip. A bias of accel_x causes
@@ -50,9 +49,9 @@ PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)
 # ln(stiffness) of 0.034 with the logs of all roads of a car, and of 0.042 with the logs
 # of one road. The constant is above both
 SLIP_MODEL_SD = 0.05
-# The first regressor is the slip that follows from accel_x (see _Samples.x). The other
-# regressors explain a part of its variance. If noise of accel_x causes more than this
-# share of the remaining variance, the logs do not determine the stiffness
+# The coefficient of slip(F), the slip computed from accel_x, is 1/k (k: stiffness). If
+# noise of accel_x causes more than this share of the variance of slip(F) that the other
+# regressors do not explain, the logs do not determine k
 MAX_NOISE_SHARE = 0.5
 MIN_MISMATCH = 0.01  # relative error of the ratio of the radii; a smaller one is ignored
 
@@ -61,10 +60,9 @@ MIN_REGRESSION_SPEED = 4.0  # [m/s]
 MAX_STRAIGHT_STEER = 0.03  # [rad]
 MAX_STRAIGHT_ACCEL = 1.0  # [m/s2] lateral acceleration
 MAX_GRIP_SHARE = 0.5  # ratio of the force of the driven axle to its grip, the largest possible force
-# [m/s2] If the log has no brake switch, rows with accel_x below this limit are not used,
-# because the brakes may be on. A limit below 0 would admit rows with brakes on: in a log
-# of steady driving, the estimated stiffness would be 14 % too large with a limit of -0.1,
-# and 65 % too large with -0.3
+# [m/s2] If the log has no brake switch, or one that is never on, rows with accel_x below
+# this limit are not used, because the brakes may be on. In a log of steady driving, the
+# estimated stiffness would be 14 % too large with a limit of -0.1, and 65 % with -0.3
 MIN_COAST_ACCEL = 0.0
 BRAKE_THRESHOLD = 0.5  # value of the brake switch from which on the brakes are on
 
@@ -128,15 +126,13 @@ def apply_slip_regression(
                   file and by the bias of accel_x. Each log has its own radius, because
                   the bias differs from log to log
 
-    Method: weighted least squares with Huber weights and priors. The first regressor,
-    slip(F), contains noise of accel_x, which would make its coefficient 1/k too small. So
-    the sum of the variances of this noise is subtracted from the sum of the squares of
-    the regressor (errors in variables, Fuller 1987). Residuals are correlated within
-    blocks of 10 s, so the weights of all samples are reduced by a common factor:
-    together, the samples then count as the effective number of independent ones. Two sds
-    of each unknown are computed, by the inverse information matrix and by the sandwich
-    estimator over blocks (White 1982), and the larger one is used. SLIP_MODEL_SD is added
-    (as a variance) to the sd of ln k.
+    Method: weighted least squares with Huber weights and priors. Noise of accel_x in
+    slip(F) would make its coefficient 1/k too small. So the variance of this noise is
+    subtracted from the square of each sample of slip(F) in the information matrix (errors
+    in variables, Fuller 1987). Residuals are correlated within blocks of 10 s, so all
+    weights are divided by the number of samples that count as one. The sd of an unknown
+    is the larger of two: from the inverse information matrix, and from the sandwich
+    estimator over blocks (White 1982). SLIP_MODEL_SD^2 is added to the variance of ln k.
     """
     names = list(problem.names)
     k = names.index(LONGITUDINAL_KEY)
@@ -226,9 +222,8 @@ def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]
 
 
 def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
-    """Return how much later [s] the front wheel speed is than the rear wheel speed.
-
-    The prior mean of this difference is subtracted.
+    """Return latency of the front minus latency of the rear wheel speed [s], minus the
+    prior mean of this difference.
     """
     front, rear = (list(problem.names).index(name + LATENCY_SUFFIX) for name in WHEEL_CHANNELS)
     return float(fit.x[front] - problem.mean[front] - fit.x[rear] + problem.mean[rear])
@@ -392,10 +387,8 @@ class _Car:
 class _Samples:
     """Samples of a log that are used in the regression."""
 
-    # (samples, 5) regressors: slip(F) with the stiffness of the vehicle file, a/v,
-    # d slip(F)/dt, slip caused by 1 kg/m of drag, nonlinear part of slip(F) plus
-    # radii(F). F: force, a: acceleration, v: speed, radii(F): relative change of
-    # v_driven/v_free by load transfer, see apply_slip_regression()
+    # (samples, 5) regressors, with the symbols of apply_slip_regression(): slip(F), a/v,
+    # d slip(F)/dt, v^2/C, slip(F) - F/C + radii(F)
     x: np.ndarray
     noise: np.ndarray  # variance of the first regressor caused by noise of accel_x
     slip: np.ndarray  # measured v_driven/v_free - 1 - radii(F)

@@ -28,23 +28,19 @@ from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
 NEED = 8.0  # [nat] min evidence with which two effects count as separated
-# `tselab gap` can exclude one of the two effects if the evidence that separates them is
-# at least this share of the evidence for one of them (Option.share). If the share is
-# smaller, model errors of a real car hide the difference between the effects.
+# Min Option.share with which `tselab gap` can exclude one of the two effects. With a
+# smaller share, model errors of a real car hide the difference between the effects.
 RIVAL_SHARE = 0.1
 # [nat] A manoeuvre excites an effect if the evidence for a car with this effect, against
 # a car without it, is at least this value.
 MIN_EXCITED_NATS = 0.1
-# Relative change of the sum of squares below which a fit ends. It must be small here. The
-# simulated logs have almost no noise, so the sum of squares that is left after the fit is
-# itself the difference between the effect that was simulated and the effect that was
-# fitted. If the fit ended early, this difference would be too large.
+# Relative change of the sum of squares below which a fit ends. The simulated logs have
+# almost no noise, so the sum of squares at the minimum measures how different the two
+# effects are. A fit that ended early would overestimate it.
 FIT_TOLERANCE = 1e-6
 MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
-# If the evidence that separates the two effects (Option.nats) is less than this share of
-# the evidence for one of them against a car with neither (Option.shows), Option.nats is
-# set to 0. So small an evidence comes from the step size of the integration, not from
-# the effects.
+# Ratio of Option.nats to Option.shows below which nats is set to 0: so small an evidence
+# comes from the step size of the integration, not from the effects.
 SAME = 0.02
 MAX_NEEDED = 3600.0  # [s] max length of a drive; effects that need a longer one are not separable
 
@@ -55,16 +51,14 @@ class Option:
 
     name: str
     seconds: float  # [s] length of the manoeuvre
-    # [nat] Evidence for the effect that the car has, against the other effect. It is the
-    # smaller of two values: one if the car has A, one if the car has B.
+    # [nat] Evidence for A against B if the car has A, or for B against A if it has B: the
+    # smaller of the two.
     nats: float
-    # [nat] Evidence for the effect that the car has, against a car without A and B, whose
-    # stiffness is fitted. It is the smaller of two values: one if the car has A, one if
-    # the car has B.
+    # [nat] Evidence for A if the car has A, or for B if the car has B, against a car with
+    # neither and with fitted stiffness: the smaller of the two.
     shows: float
-    # Ratio of the two kinds of evidence: against the other effect (nats) / against a car
-    # without A and B (shows). It is the smaller of two values: one if the car has A, one
-    # if the car has B.
+    # Evidence against the other effect / evidence against a car with neither. It is
+    # computed for a car with A and for a car with B: the smaller of the two.
     share: float
 
     @property

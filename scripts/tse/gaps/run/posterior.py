@@ -1,8 +1,7 @@
 """Compute how accurately the parameters of the improved car are known: the joint
-covariance of stiffness and effects. Two kinds of effects are included: those that the
-search has named, and those that it has not named but that have a prior sd. Effects of the
-second kind keep their values. But their uncertainty widens the intervals of the other
-parameters.
+covariance of stiffness and effects. It includes effects that the search has named, and
+effects that it has not named but that have a prior sd. The latter keep the values of the
+vehicle file, but their uncertainty widens the intervals of the other parameters.
 
 The covariance is computed at the fitted values, in the same way as in a calibration
 (identify/fit.py). The prior sd of an effect that is not named comes from the table
@@ -43,7 +42,7 @@ class Posterior:
     names: tuple[Key, ...]
     values: np.ndarray
     covariance: np.ndarray
-    model_sd: float  # the setting model_sd: relative sd of the model discrepancy
+    model_sd: float  # sd of the model discrepancy of a channel / rms of the channel
 
     @property
     def stiffness(self) -> dict[str, float]:
@@ -65,12 +64,11 @@ class Posterior:
     def make_uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Return the settings of [uncertainty] for the improved vehicle file.
 
-        A setting whose parameter is in this posterior gets the sd of the posterior, but
-        no smaller value than MIN_SD, the best accuracy that a model of a car can have. If
-        the vehicle file of the user states an sd below MIN_SD, the stated sd is the limit
-        instead. model_sd gets the value of the posterior. Other settings keep their
-        values. If all sds in the vehicle file are 0, the car is known exactly and all
-        settings keep their values.
+        Each sd is that of the posterior, but at least MIN_SD or the sd in the user's
+        vehicle file, whichever is smaller. MIN_SD is the best accuracy that a model of a
+        car can have. model_sd is that of the posterior. Other settings, such as mass_sd,
+        keep their values. If all sds in the user's file are 0, the car is known exactly:
+        all settings keep their values.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
@@ -128,15 +126,13 @@ def compute_posterior(
     formulas. For the filter, the part of the residuals that a formula explains is a model
     error.
 
-    The measured wheel speeds are inputs of the simulation, so their noise acts on the
-    simulated accel_x. A softer longitudinal stiffness smooths this noise. So if this
-    noise causes a large part of the residuals of accel_x, the fit reduces them by a
-    stiffness that is too small: by 13 to 45 % for three simulated multi-body cars.
-    Therefore the longitudinal stiffness is not taken from the fit if the rms of these
-    residuals exceeds NOISE_LIMIT times the sensor noise, or if accel_x is not measured.
-    It is then taken from a regression on the slip of the wheels
-    (estimate_longitudinal()), or from the vehicle file if the logs do not permit the
-    regression.
+    The longitudinal stiffness comes from a regression on the slip of the wheels
+    (estimate_longitudinal()) if the rms of the accel_x residuals exceeds NOISE_LIMIT
+    times the sensor noise, or if accel_x is not measured. The reason: measured wheel
+    speeds are inputs of the simulation, so their noise enters the simulated accel_x.
+    Soft tyres smooth this noise. So the fit would make the stiffness too small, by 13 to
+    45 % for three simulated multi-body cars. If the logs do not permit the regression,
+    the stiffness keeps its prior.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}

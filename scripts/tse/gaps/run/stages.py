@@ -29,8 +29,8 @@ EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_
 
 @dataclass(frozen=True)
 class Stage:
-    """Rms values of one channel over the fitted or over the held-out logs, from block
-    means over 40 ms, in the unit of the channel.
+    """Rms values of one channel in the fitted or in the held-out logs, in the unit of the
+    channel. Each rms is that of means over blocks of 40 ms.
     """
 
     signal: float  # rms of the measurements after subtraction of the mean of each log

@@ -38,14 +38,13 @@ from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import add_road, match_log
 
-# Key of EXIT for uncertain results. There are two kinds. The verdict is "possible": an
-# effect is probable, but not named. Or the verdict is "named", but a named effect has a
-# probability below NAME_AT, or each named effect has look-alikes. Look-alikes are effects
-# that the logs cannot distinguish from the named one.
+# Key of EXIT for the verdict "possible", and for the verdict "named" if a named effect
+# has a probability below NAME_AT or each named effect has look-alikes (effects that the
+# logs cannot distinguish from the named one).
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # verdict -> exit code
-# If no effect is named and no error above the noise remains, the verdict is "possible" if
-# the vehicle file lacks some effect with at least this probability, otherwise "none".
+# If no effect is named and no error above the noise remains: the verdict is "possible" if
+# at least one effect has at least this probability, otherwise "none".
 MIN_UNNAMED_PROBABILITY = 0.5
 FIT, HELD_OUT = "fit", "held_out"  # the two parts of the logs: fitted, and held out
 
@@ -93,8 +92,7 @@ class GapResult(Found):
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]  # sentences that describe the result
-    # the fitted logs with bank and grade, which the user has given or which are estimated
-    # from the logs
+    # the fitted logs with bank and grade: given by the user, or estimated from the logs
     problem: Problem
     level: Problem  # the fitted logs on level roads
     # part of the logs (FIT or HELD_OUT) -> channel -> rms of the residuals with three
@@ -115,8 +113,7 @@ class GapResult(Found):
     # named effects are left out, because the logs cannot distinguish them from the named
     # effects.
     undetectable: list[detect.Detectable]
-    # The smallest visible size of every effect of the catalogue that is not named, also
-    # if it is below the typical size of the effect
+    # the smallest visible size of every effect of the catalogue that is not named
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     # the held-out logs. If a held-out log was driven on a road of the fitted logs, it has
@@ -480,11 +477,11 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return the latencies of channels that differ from the vehicle file, and the time
-    constants of the low-pass filters of the IMU.
+    """Return latencies [s] that differ from the vehicle file, and time constants [s] of
+    low-pass filters of the IMU.
 
-    They come from named effects whose cause is not in the car, but in late messages or in
-    a filter of the IMU (Named.message). The list is empty if there are no such effects.
+    They come from named effects that are caused by late messages or by a low-pass filter
+    of the IMU, not by the car (Named.message). Without such effects the list is empty.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -508,11 +505,9 @@ def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequen
     """Return half the width of the 95 % interval of each latency in `settings`.
 
     A latency may depend on several named effects, such as the delays of the IMU and of
-    the steering. The half widths of the intervals of these effects are propagated
-    linearly, and added in quadrature as if the effects were independent. A latency is
-    linear in a delay as long as the delay does not change its sign. Named delays are too
-    far from 0 for a change of sign within their intervals, so linear propagation is
-    valid.
+    the steering. Their half widths are propagated linearly, and added in quadrature as if
+    the effects were independent. Linear propagation is valid: a latency is linear in a
+    delay that keeps its sign, and the intervals of named delays do not contain 0.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # [s] step of the finite differences
@@ -572,7 +567,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
     text += f"; probability {_format_percent(n.probability)}"
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
-    elif n.alone < 1.0:  # the share of the whole gap is small, because another effect is large
+    elif n.alone < 1.0:  # the share of the whole gap would be shown as 0 %
         text += f", it closes {100 * n.alone:.0f} % of the gap that the other named effects leave."
     else:
         text += "."
