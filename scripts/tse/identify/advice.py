@@ -211,7 +211,8 @@ def _compute_information(
 
 
 def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
-    """Return a log of a manoeuvre, with channels and noise sd of the first recorded log.
+    """Return a log of a manoeuvre, with the channels of all logs, and the noise sd and
+    time step of the first log.
 
     Its inputs are steering angle and wheel speeds. Its measurements are 0: only partial
     derivatives are needed, which do not depend on measurements.
