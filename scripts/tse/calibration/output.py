@@ -39,9 +39,9 @@ MAX_ROLL_STEER_SD = 0.03
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Return the calibrated settings as name -> value, clipped to the allowed range of
-    each setting. If the logs do not determine a parameter, its value is near the mean of
-    its prior."""
+    """Return the calibrated settings, except the latencies: name -> value, clipped to the
+    allowed range of the setting. If the logs do not determine a parameter, its value is
+    near the mean of its prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -171,8 +171,8 @@ def _collect_start(
 
 
 def _format_band(f: NumberFinding) -> str:
-    """Return the interval of a number as a string, which is appended to the comment on
-    the number in the vehicle file."""
+    """Return the end of the comment on a number in the vehicle file: the 95 % interval,
+    or that the logs do not determine the number."""
     if not f.shown:
         return ", not shown by these logs"
     return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"

@@ -148,6 +148,7 @@ def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: 
     `before`: value in the vehicle file. The line also says if |`value` - `before`| (of a
     latency: |`value`|) is negligible, i.e. below the larger of SIGNIFICANT_SD x `sd` and
     u.worth x `by`. `by`: value in the vehicle file if u.worth is relative, otherwise 1.
+    If u.worth is 0, the difference is never called negligible.
     """
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
@@ -214,8 +215,8 @@ class ProofChannel:
 
     @property
     def explained(self) -> tuple[float, float]:
-        """Share of the signal's mean square that the simulation explains, as a pair: with
-        the car of the vehicle file, and with the calibrated car."""
+        """Share of the variance of the measured channel that the simulation explains, as
+        a pair: with the car of the vehicle file, and with the calibrated car."""
         return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
 
 
@@ -311,8 +312,8 @@ def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
 
 
 def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
-    """Return the rms of each sd of a channel over the logs. All logs have the same
-    weight."""
+    """Return a ProofChannel that summarises a channel over all logs. Each of its sds is
+    the rms of the sds of the logs, in which all logs have the same weight."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
     names = (f.name for f in fields(ProofChannel))
     return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))

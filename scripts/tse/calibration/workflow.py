@@ -40,8 +40,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of the gyro bias. If the residuals give a
 # larger value, model errors in turns cause it, not the gyro.
 MAX_GYRO_WALK = 0.001
-# Min number of differences between successive values of the sorted distinct values of a
-# channel. With fewer differences, the channel is treated as not quantised.
+# A channel with fewer distinct values than MIN_STEPS + 1 is treated as not quantised:
+# their differences are too few to find the quantisation step.
 MIN_STEPS = 10
 
 

@@ -766,7 +766,7 @@ def _check_numbers(numbers: tuple[Number, ...]) -> None:
             raise FormulaError(
                 f"{key}: is not a name; allowed: a letter, then letters, digits and _; no keyword of Python"
             )
-        if n.name in table:  # includes a .. h, the names of slots
+        if n.name in table:  # includes the letters of formula_a, formula_b, ...
             text = table[n.name].text
             raise FormulaError(
                 f"{key}: the name is taken ({table[n.name].kind.lower()}: {text}); "
@@ -883,10 +883,11 @@ def _use_lists(function: Callable[..., list[float]]) -> Callable[..., list[float
 
 @_use_lists
 def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]:
-    """Apply a first-order lag by the trapezoidal rule. `time`: [s] time constants.
+    """Apply a first-order lag to `x` by the trapezoidal rule. `h`: [s] time since the row
+    before. `time`: [s] time constant of the lag in each row.
 
-    A time constant below half a step is replaced by half a step. The result in a row is
-    then the mean of the input in this row and in the row before.
+    A time constant below h / 2 is replaced by h / 2. The result in a row is then the mean
+    of the input in this row and in the row before.
     """
     y = [x[0]]
     for i in range(1, len(x)):
@@ -900,9 +901,11 @@ def _apply_lag(h: list[float], x: list[float], time: list[float]) -> list[float]
 def _apply_second(
     h: list[float], a: list[float], frequency: list[float], damping: list[float]
 ) -> list[float]:
-    """Apply a second-order lag, by the same method as mode_step() in src/model/laws.h.
+    """Apply a second-order lag to `a`, by the same method as mode_step() in
+    src/model/laws.h.
 
-    `frequency`: [Hz] natural frequency. `damping`: [1] damping ratio."""
+    `h`: [s] time since the row before. `frequency`: [Hz] natural frequency. `damping`:
+    [1] damping ratio."""
     x, v = a[0], 0.0
     y = [x]
     for i in range(1, len(a)):
@@ -918,7 +921,7 @@ def _apply_second(
 
 def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
     """Delay a signal by `delay` [s]. Before the first row, the signal is taken as
-    constant."""
+    constant. `h`: [s] time since the row before."""
     time = np.cumsum(h)
     return np.interp(time - np.maximum(delay, 0.0), time, x)
 
@@ -926,7 +929,8 @@ def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
 @_use_lists
 def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float]:
     """Apply mechanical play of width 2 x `half`: the output changes only if it would
-    otherwise differ from the input by more than `half`."""
+    otherwise differ from the input by more than `half`. `h` is not used: it is the first
+    argument of all operations with memory."""
     y = [x[0]]
     for i in range(1, len(x)):
         y.append(min(max(y[-1], x[i] - abs(half[i])), x[i] + abs(half[i])))
@@ -935,7 +939,8 @@ def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float
 
 @_use_lists
 def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[float]:
-    """Limit the rate of change of a signal to `limit` per second."""
+    """Limit the rate of change of `x` to -`limit` .. `limit`, in the unit of `x` per s.
+    `h`: [s] time since the row before."""
     y = [x[0]]
     for i in range(1, len(x)):
         step = abs(limit[i]) * h[i]
@@ -946,7 +951,8 @@ def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[floa
 @_use_lists
 def _differentiate(h: list[float], x: list[float]) -> list[float]:
     """Return the rate of change of a signal since the row before. It is 0 in the first
-    row. If the time step is 0, it is the rate of the row before."""
+    row. If `h`, the time since the row before [s], is 0, it is the rate of the row
+    before."""
     y = [0.0]
     for i in range(1, len(x)):
         y.append((x[i] - x[i - 1]) / h[i] if h[i] > 0 else y[-1])

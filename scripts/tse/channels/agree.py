@@ -62,8 +62,8 @@ FIT_SLACK = 0.05
 # The 6 is about 2 ln(range / (sd sqrt(2 pi))), the Occam factor of ln factor: uniform
 # prior in -ln 20 .. ln 20 (range: ln 400), estimated with the sd 0.1.
 FREE_FACTOR_PRICE = 12.0
-# [1] If a ratio that the correction of a unit or sign changes still has |ln ratio| >=
-# EXPLAINED + 0.05, the warning contains PERHAPS.
+# [1] The correction of a unit or sign changes some ratios. If one of them then still has
+# |ln ratio| >= EXPLAINED + 0.05, the warning contains PERHAPS.
 EXPLAINED = 0.10
 # [1] If |ln ratio| of any ratio exceeds this plus 2 sd of ln ratio, there is a warning
 # even if no wrong unit or sign explains the ratio.
@@ -143,9 +143,10 @@ MIN_AXLE_SHARE = 0.25
 MIN_IMU_TURN = 0.2
 # Limits for a warning that the front channel contains the wheels of one side of the car
 # and the rear channel those of the other side. front - rear wheel speed [m/s] is then
-# track x yaw rate, or minus this product. SIDE_LEVER: [m] min and max of |factor|, with
-# the fitted factor of the yaw rate. MIN_SIDE_SHARE: [1] min share of the variance of
-# front - rear speed that the yaw rate explains, without the variance explained by slip.
+# track x yaw rate, or minus this product. SIDE_LEVER: [m] min and max of the magnitude of
+# the fitted factor of the yaw rate. MIN_SIDE_SHARE: [1] min share that the yaw rate
+# explains of the variance of front - rear speed. The part of this variance that slip
+# explains is subtracted before.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
 # [s] max magnitude of the delay of the measured accel_y behind the accel_y that follows
 # from speed and yaw rate. There is a warning if the delay is larger by more than 3 sd. In

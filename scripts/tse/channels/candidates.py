@@ -96,11 +96,12 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _match_patterns(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern of a role whether the name of the signal `c` may match it,
-    although the name also has a word for a different quantity.
+    """Return for each pattern in ROLE_WORDS[role] whether the name of the signal `c` may
+    match it, although the name also has a word for a different quantity.
 
-    With the score s of the pattern, score_name() returns s - 4 or s - 4.2 for such a
-    name. So the name may match if its score is negative and above s - 4.3."""
+    For a name that has such a word and matches a pattern with the score s, score_name()
+    returns s - 4 or s - 4.2. So the name may match the pattern if the score of the name
+    is negative and above s - 4.3."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]
