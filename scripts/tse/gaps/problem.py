@@ -344,9 +344,8 @@ class Problem:
         second is the result of predict().
 
         A change is `reach` times the step of the parameter. Each simulation changes one
-        parameter. The exception are the knots of road profiles. A knot influences only
-        the residuals of its own log, so one simulation changes a knot in every log at
-        once.
+        parameter, or one knot of a road profile in every log: a knot influences only the
+        residuals of its own log.
         """
 
         def shifted(p: CatalogueParameter) -> float:

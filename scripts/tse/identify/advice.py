@@ -28,7 +28,7 @@ SWEEP_BAND = (0.2, 3.0)  # [Hz] first and last frequency of the sine sweep
 SLALOM_FREQUENCY = 0.6  # [Hz]
 STEP_PERIOD = 4.0  # [s] time from step to step of the steering wheel
 STEP_RISE = 0.3  # [s] time in which a driver turns the steering wheel for a step
-KNOWN_LATENCY = 0.002  # [s] sd of a latency if it is taken from the documentation of the bus
+KNOWN_LATENCY = 0.002  # [s] sd of a latency if it is taken from the documentation of the CAN bus
 KNOWN_INERTIA = 0.03  # relative sd of the yaw inertia if it is measured on a test bench
 KNOWN_PLACE = 0.02  # [m] sd of the position of the velocity sensor if it is measured with a tape measure
 # A proposal is listed if it narrows the confidence interval of the cornering stiffness of
@@ -135,7 +135,7 @@ def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
 
 
 def _list_latencies(problem: CarProblem) -> list[str]:
-    """Return the names of the latencies that the documentation of a bus may state."""
+    """Return the names of the latencies that the documentation of a CAN bus may state."""
     return [n for n in problem.prior.names if n.endswith("_latency") and n != "velocity_latency"]
 
 

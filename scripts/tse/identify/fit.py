@@ -73,8 +73,8 @@ class CarFit:
     scales
         Rms of the residuals, and the sd that determines their weight. Key: channel.
     residuals, slopes, equations
-        At x and z: residuals, their partial derivatives with respect to x and to z, and
-        normal equations.
+        At the estimate: residuals, their partial derivatives with respect to `search` and
+        to `z`, and normal equations for the step of `search`.
     converged
         True: the search has found the maximum of the posterior density. False: it stopped
         at the limit of steps.
@@ -269,7 +269,7 @@ def build_normal(
 def compute_step(problem: CarProblem, equations: NormalEquations, x: np.ndarray) -> np.ndarray:
     """Return the Gauss-Newton step of x, within the bounds and MAX_STEP_SD."""
     scale = 1.0 / np.sqrt(np.diag(equations.information))
-    root = cholesky(equations.information * np.outer(scale, scale))  # upper triangle: root' root
+    root = cholesky(equations.information * np.outer(scale, scale))  # upper triangular; root' root = argument
     target = -solve_triangular(root, equations.gradient * scale, trans="T")
     low = np.maximum(problem.low - x, -MAX_STEP_SD * problem.sd)
     high = np.minimum(problem.high - x, MAX_STEP_SD * problem.sd)

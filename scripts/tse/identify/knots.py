@@ -1,10 +1,11 @@
 """Describe bank and grade of roads by values at knots, with linear interpolation.
 
 Bank and grade accelerate the car by gravity, which accelerometers do not measure. With
-the measured accelerations a_x and a_y, v_x' = a_x - g grade and
-v_y' = a_y - v_x yaw_rate - g bank. The value at a knot acts only on the rows near this
-knot. So one simulation gives the partial derivatives with respect to the values at every
-KNOT_SPACING-th knot, and the fit eliminates all values by a sparse factorisation.
+the measured accelerations a_x and a_y, and the acceleration of gravity g,
+    dv_x/dt = a_x - g grade,    dv_y/dt = a_y - v_x yaw_rate - g bank.
+The value at a knot acts only on the rows near this knot. So one simulation gives the
+partial derivatives with respect to the values at every KNOT_SPACING-th knot, and the fit
+eliminates all values by a sparse factorisation.
 """
 
 from __future__ import annotations
@@ -115,11 +116,11 @@ class Knots:
         return found
 
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return for each distance the changed value of z that influences the residual.
+        """Return for each distance which changed value of z influences a residual there.
 
         `distance` [m] is along the road of the log. `step`, a vector of list_moves(), is
         non-zero at the changed values. The result is the index in z of the last changed
-        knot that is at most KNOT_LEAD ahead; -1 if there is none.
+        knot that is at most KNOT_LEAD ahead; -1 if there is no such knot.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)

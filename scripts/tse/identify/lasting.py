@@ -1,13 +1,13 @@
 """Measure the slow part of residuals by two numbers, power and walk.
 
 power: integral of the autocovariance of the residuals over positive lags [unit^2 s]. The
-variance of an estimate from a long log depends on the autocovariance only through it. An
-error with correlation time 1 s and variance power / 1 s has the same integral. The
+variance of an estimate from a long log depends on the autocovariance only through power.
+An error with correlation time 1 s and variance power / 1 s has the same integral. The
 setting model_sd, which describes such an error, is derived from power.
 
 walk: sd after 1 s [unit/sqrt(s)] of a random walk whose spectrum is nowhere below that of
-the residuals. It becomes the setting for the bias of the channel, which the filter models
-as a random walk. With D(L), the mean square difference of residuals a lag L apart,
+the residuals. walk becomes the setting for the bias of the channel, which the filter
+models as a random walk. With D(L), the mean square difference of residuals a lag L apart,
     walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
 Noise and errors shorter than SHORT_LAG add the same to D(L) and D(SHORT_LAG), and cancel.
 The factor 2 suits residuals that hills cause, whose autocovariance at the lag t is
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags in the formula of walk, see the top of this file
-MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance in the integral power
+MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance in the integral that gives power
 # min number of values in an interval of measure_share(), and of pairs of values at a lag.
 # Intervals and lags with fewer are not used
 MIN_PIECE_VALUES = 20

@@ -22,10 +22,11 @@ could reduce y by changing C.
 The simulation subtracts the mean latency of the wheels from the latencies of the wheels
 and of accel_x. So the fit estimates how much later accel_x is than the wheels. The common
 latency of wheels and accel_x relative to the gyro has no influence on the residuals and
-keeps its prior (a cut: Liu, Bayarri & Berger 2009, Plummer 2015). Without the cut it
-would be estimated as 0.1 s: logs contain little information on it, because the speed
-hardly changes within a latency. But a wrong value would reduce those residuals of
-yaw_rate that come from a small model error in the effect of braking on lateral forces.
+keeps its prior. Bayesian literature calls this a cut (Liu, Bayarri & Berger 2009, Plummer
+2015). Without the cut, this latency would be estimated as 0.1 s: logs contain little
+information on it, because the speed hardly changes within a latency. But a wrong value
+would reduce those residuals of yaw_rate that come from a small model error in the effect
+of braking on lateral forces.
 """
 
 from __future__ import annotations

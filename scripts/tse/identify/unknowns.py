@@ -2,7 +2,7 @@
 
 The priors describe passenger cars that have not been calibrated. For effects that every
 car has (roll, relaxation), the prior mean is the usual size, not 0. If the logs do not
-contain an effect, it keeps this size and its prior sd.
+show an effect, its estimate keeps the prior mean and the prior sd.
 """
 
 from __future__ import annotations
@@ -65,11 +65,12 @@ class Unknown:
     low: float  # lower bound
     high: float  # upper bound
     relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
-    # group of unknowns, e.g. "wheels". They have a common error with the prior sd
-    # COMMON_SD[message], and each has an individual error with the prior sd `sd`
+    # Unknowns with the same message, e.g. "wheels", have a common error with the prior sd
+    # COMMON_SD[message]. Each also has an individual error with the prior sd `sd`. "": no
+    # common error
     message: str = ""
-    # negligible change against the vehicle file (latency: against 0), in the unit of
-    # `mean`; 0: none, as for the distribution of an effect between the axles
+    # A smaller change against the vehicle file (latency: against 0) is negligible. Unit:
+    # that of `mean`. 0: no change is negligible, as for a balance between the axles
     worth: float = 0.0
 
 
@@ -117,8 +118,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown(
         "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
-    # The rear stiffness is estimated separately. With a wrong constant ratio of rear to
-    # front stiffness, the fit would compensate by latencies that are wrong by tens of ms
+    # This unknown lets the ratio of rear to front stiffness change. With a wrong constant
+    # ratio, the fit would compensate by latencies that are wrong by tens of ms
     Unknown(
         "longitudinal_stiffness_rear",
         "rear longitudinal stiffness",
@@ -176,7 +177,7 @@ OF_VELOCITY: tuple[Unknown, ...] = (
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
 # Key: setting of table [uncertainty]. Value: unknown whose posterior sd a calibration
 # writes to the setting. If the vehicle file states the setting, it is also the prior sd
-# of the unknown, but not for an unknown with a `message`
+# of the unknown, except if the unknown has a `message`
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -189,7 +190,7 @@ UNCERTAIN_SETTINGS = {
 }
 # Roll of the body (gain g in rad per m/s2) changes accel_y like a scale error of
 # GRAVITY * g. Logs determine only the sum: scale error of the sensor + GRAVITY * g.
-# Key: scale error of the sensor. Value: name of g, GRAVITY
+# Key: name of the scale error. Value: name of g, and the factor of g in the sum
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
 SUPERELEVATION = "superelevation"  # lean of the roads of a log (see LEAN_MEAN); name_in_log() adds the index
 

@@ -51,13 +51,15 @@ class UnknownSetting(SettingError, KeyError):
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a struct of the library, or one code of the list STATUS or REASON."""
+    """One field of a struct of the library, or one row of a list (STATUS, REASON or
+    FORMULA_...). Both are described by struct tse_field of tse/describe.h."""
 
     name: str
-    # s: setting (tse_setting), r: tse_real, i: int32, u: uint32, c: code,
-    # p: pointer to an array, o: pointer to an array or NULL
+    # s: setting (tse_setting), r: tse_real, i: int32, u: uint32, p: pointer to an array,
+    # o: pointer to an array or NULL. Row of a list: c, but n, s, p or m in FORMULA_OP
+    # (Library.__init__ translates these)
     kind: str
-    offset: int  # [bytes] from the start of the struct. For a code: its number
+    offset: int  # [bytes] from the start of the struct. Row of a list: its code, or a limit
     default: float
     low: float
     high: float
@@ -406,12 +408,12 @@ class Library:
         return f
 
     def fields(self, which: int) -> list[Field]:
-        """Return the fields of a struct (`which` is CONFIG .. SIM_OUTPUT), or the rows of
-        a list of codes (`which` is STATUS or REASON)."""
+        """Return the fields of a struct (`which` is CONFIG .. SIM_OUTPUT or REPLAY_...),
+        or the rows of a list (`which` is STATUS, REASON or FORMULA_...)."""
         return self._fields[which]
 
     def field(self, which: int, name: str) -> Field:
-        """Return the field `name` of a struct, or the code `name` of a list of codes."""
+        """Return the field `name` of a struct, or the row `name` of a list."""
         return next(f for f in self._fields[which] if f.name == name)
 
     @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)

@@ -16,8 +16,8 @@ defined such that its derivative has the same weight:
     d ln L / d(sum of squares) = -1 / (2 sd^2).
 Since the sum of squares is n r^2, the integral is
     ln L = -n / (2 V) ln(1 + V (r^2 / noise^2 - 1)).
-In sd^2, r^2 - noise^2 is replaced by LASTING^2 noise^2 if it is smaller than that,
-because no model of a car is more accurate.
+In sd^2, r^2 - noise^2 is replaced by LASTING^2 noise^2 if it is smaller than that:
+LASTING (space.py) is the rms model error of even the best model, in units of the noise.
 
 Every fit has the strengths (sizes) of all effects as unknowns. Effects outside the set
 have a prior that keeps them small. So one fit gives the partial derivatives of the
@@ -99,8 +99,11 @@ def compute_variance(square: float) -> float:
 
 
 def compute_ln_likelihood(square: float, count: int) -> float:
-    """Return ln likelihood of a channel with `count` residuals. `square` is their mean
-    square in units of the noise variance.
+    """Return ln likelihood of a channel with `count` residuals (formula: top of this
+    file). `square` is their mean square in units of the noise variance.
+
+    If `square` - 1 is below LASTING^2, the variance of the residuals is constant, and ln
+    likelihood is linear in `square`.
     """
     more = square - 1.0 - LASTING**2
     lowest = 1.0 + compute_error_duration() * LASTING**2

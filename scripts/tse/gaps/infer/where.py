@@ -27,11 +27,11 @@ MIN_CORRELATION = 0.15
 # conditions of this channel are reported
 MIN_WINDOWS = 20
 # Max squared correlation between the bank of the road, estimated as a disturbance, and
-# the car's lateral acceleration. If it is larger, the disturbance follows the steering.
-# So it comes from the car, not from the road, and the bank is ranked last.
+# the car's lateral acceleration. If it is larger, the disturbance follows the motion of
+# the car. So it comes from the car, not from the road, and the bank is ranked last.
 MAX_FOLLOWED = 0.5
-# [blocks] time between the points at which a disturbance is estimated. Between two
-# points, the disturbance is interpolated linearly.
+# [blocks] Time between the points at which a disturbance is estimated. Between two points
+# it is interpolated linearly, so it is a sum of triangular functions (hats).
 HAT = 10
 # name of a place in the report -> argument `place` of compute_responses()
 PLACES = {

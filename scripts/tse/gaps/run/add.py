@@ -1,6 +1,7 @@
-"""Write the improved vehicle file with the fitted stiffness and the named effects, and a
-C header with a function that sets tse_config to the same values. If there is a formula,
-write it to files of its own.
+"""Write the improved vehicle file with the fitted stiffness and the named effects, i.e.
+those that the search (infer/naming.py) reports as missing. Also write a C header with a
+function that sets tse_config to the same values. If there is a formula, write it to files
+of its own.
 
 Road profiles are not written, because they are properties of the road, not of the car.
 """
@@ -72,8 +73,8 @@ def write_formula_files(out: Path, improved: Path) -> list[Path]:
 
 
 def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """Return the content of the vehicle file with the fitted stiffness and the named
-    effects.
+    """Return the content of the vehicle file with the fitted stiffness and the effects
+    that the search has named.
 
     `vehicle` must be the vehicle file as the user wrote it, without the sensor settings
     that fill_sensors() estimates. They would become part of the file.

@@ -1,6 +1,6 @@
-"""`tselab gap check`: compute which effects would be visible in the logs, i.e. large
-enough to be named. The effects are not fitted. Their influence is computed from partial
-derivatives of the residuals (infer/detect.py).
+"""`tselab gap check`: compute which effects would be visible in the logs. An effect is
+visible if `tselab gap` would report it as missing. The effects are not fitted. Their
+influence is computed from partial derivatives of the residuals (infer/detect.py).
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ RESIDUAL_COLUMNS = (
     "residual_after",
     "noise",
 )
-BOTH = ("before", "after")  # the vehicle file of the user, and the improved one
+BOTH = ("before", "after")  # before: the user's vehicle file, after: the improved vehicle file
 
 
 @dataclass(frozen=True)
@@ -236,8 +236,8 @@ def compute_gain(
     mean log evidence per row, and the share of rows in which the estimate of a stiffness
     is valid. Both are computed for all logs together and for each log.
 
-    `logs` has part, name and rows of each log. `before` is the car of the user's vehicle
-    file, `after` the improved car.
+    `logs` has part (FIT or HELD_OUT), name and rows of each log. `before` is the car of
+    the user's vehicle file, `after` the improved car.
     """
 
     def estimate_log(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:

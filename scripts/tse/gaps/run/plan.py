@@ -38,7 +38,7 @@ MIN_EXCITED_NATS = 0.1
 # almost no noise, so the sum of squares at the minimum measures how different the two
 # effects are. A fit that ended early would overestimate it.
 FIT_TOLERANCE = 1e-6
-MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of a fit
+MAX_PLAN_EVALUATIONS = 30  # max number of evaluations of the residuals in a fit
 # Ratio of Option.nats to Option.shows below which nats is set to 0: so small an evidence
 # comes from the step size of the integration, not from the effects.
 SAME = 0.02
