@@ -116,7 +116,7 @@ class LocalPool(Workers):
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         # unfinished tasks at the death of a process: any of them may have caused it. Each
-        # runs again, alone in a new process. If that dies, too, the task fails with Died
+        # runs again, alone in a new process. If this process dies, the task raises Died
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 

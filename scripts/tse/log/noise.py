@@ -19,9 +19,9 @@ then have the weight of one sample. For wheel speeds, (a) and (b) of the noisier
 used for both axles.
 
 The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
-drifting mounting cause. The initial sd of the bias is the size of this slow part. The sd
-of the random walk of the bias over 1 s is the sd of the change of the slow part over 1 s.
-For the gyro, the initial sd of the bias is fixed."""
+drifting mounting cause. The initial sd of the bias is |median| + sd of this slow part.
+The sd of the random walk of the bias over 1 s is the sd of the change of the slow part
+over 1 s. For the gyro, the initial sd of the bias is fixed."""
 
 from dataclasses import dataclass
 
@@ -60,7 +60,7 @@ class Misfit:
     # [m/s2] sd of the misfit, averaged over n rows (0.2 s) and without its slow part,
     # times sqrt(n): the sd in one row if the misfit is white noise
     sd: float
-    bias: float  # [m/s2] size of the slow part
+    bias: float  # [m/s2] |median| + sd of the slow part; the sd is that in quiet driving
     walk: float  # [m/s2] sd of the change of the slow part over 1 s
 
 
@@ -156,8 +156,8 @@ def _find_step(x: np.ndarray) -> float:
 def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
     """Return the misfits of accel_x and accel_y, see class Misfit: channel -> misfit.
 
-    A channel is omitted if the log lacks it or its kinematics, or if the car moves too
-    little. radius_front, radius_rear: [m] wheel radii."""
+    A channel is omitted if the log lacks it, the wheel speeds or (for accel_y) the yaw
+    rate, or if the car moves too little. radius_front, radius_rear: [m] wheel radii."""
     if not log.sample_time:
         return {}
     d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
@@ -211,9 +211,9 @@ def _compute_quiet_sd(x: np.ndarray) -> float:
 def find_new_values(x: np.ndarray) -> np.ndarray:
     """Mark the rows in which the signal x has a new sample.
 
-    A slow signal has a new sample every `beat` rows, which the rows between repeat. So at
-    least 90 % of the distances between changes must be multiples of `beat`. If not, or if
-    x has fewer than about 50 changes, all rows are marked."""
+    A slow signal has a new sample every `beat` rows, and the rows in between repeat it.
+    So at least 90 % of the distances between changes of x must be multiples of `beat`. If
+    not, if `beat` is 1, or if x has fewer than about 50 changes, all rows are marked."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])

@@ -598,7 +598,8 @@ def _average_axle(
             f"{axle}: one of both wheels is missing in {one_only.sum()} rows: "
             "its speed is computed from the other wheel and the yaw rate"
         )
-    # False, for example, on a straight road, where the difference is only noise
+    # `shown` is False if the fit is poor, e.g. on a straight road, where the difference
+    # of the wheel speeds is only noise
     shown = bool(per_turn**2 * turned > MIN_TURN_SHARE * differed)
     return mean, per_turn if shown else 0.0
 

@@ -23,9 +23,9 @@ from tse.readers.databases import IDENTIFIER_MASK
 # [bytes] length of the first part of a file that is read to detect its format
 DETECTION_BYTES = 1 << 16
 MAX_LINE_LENGTH = 1 << 14  # [characters] a longer line is read in parts of this length
-# number of frames at the beginning of a file that serve to detect, in a log of candump,
-# whether each time is the difference from the frame before, and in a table, the unit of
-# the times and the base (10 or 16) of the identifiers
+# Number of frames at the beginning of a file from which these are detected. In a log of
+# candump: whether each time is the difference from the frame before. In a table: the unit
+# of the times, the base (10 or 16) of the identifiers and the coding of the data
 DETECTION_LINES = 2000
 MAX_LISTED_LINES = 3  # a note names at most this many of the lines that cannot be parsed
 ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame

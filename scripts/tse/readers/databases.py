@@ -18,8 +18,9 @@ from tse.readers.recording import import_optional
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # number of faulty lines that one note describes
-# IDENTIFIER_MASK: the 29 bits of an identifier. MAX_STANDARD_IDENTIFIER: largest of
-# 11 bits; larger identifiers are extended. EXTENDED_BIT: marks these in a DBC
+# IDENTIFIER_MASK: the 29 bits of an identifier. MAX_STANDARD_IDENTIFIER: the largest
+# identifier of 11 bits; larger ones are extended. EXTENDED_BIT: set in a DBC if the
+# identifier is an extended one
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 # identifier of the message in which Vector's tools put signals that belong to no message
 ORPHAN_IDENTIFIER = 0xC0000000

@@ -81,13 +81,14 @@ class _Kept:
     """Decoded values of one message on one bus.
 
     A frame may lack a signal: the frame is too short, or the signal is multiplexed. So
-    the numbers of the frames that contain a signal are stored. Signals with the same
-    pattern (key from _make_pattern()) are in the same frames, and share these numbers."""
+    the indices, in the log, of the frames that contain a signal are stored. Signals with
+    the same pattern (key from _make_pattern()) are in the same frames, and share these
+    indices."""
 
     message: Any
     signals: list[Any]  # needed signals of the message
     value: dict[str, Growing] = field(default_factory=dict)  # name of a signal -> its values
-    # pattern of signals -> numbers of the frames that contain these signals
+    # pattern of signals -> indices, in the log, of the frames that contain these signals
     frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
 
 
@@ -139,7 +140,7 @@ class Bus:
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
                 # signals with the same pattern are in the same frames: the first signal
-                # stores the numbers of these frames for all
+                # stores the indices of these frames for all
                 if len(frames) == len(kept.value[s.name]):
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
@@ -183,7 +184,8 @@ class Bus:
         bus = list(self._buses)
         # If a message is on several buses, its channels from the second bus on are named
         # NAME#2 and so on. Sort by the name of the bus (shorter first, so 2 before 10),
-        # which is the same in all logs. The index of a bus depends on the first frames.
+        # which is the same in all logs. The index of a bus is not: the buses are numbered
+        # in the order of their first frames.
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -226,13 +228,13 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times [s] of the kept frames with a signal, and an index.
+        """Return the times [s] of the values of a signal, and an index.
 
-        value[index] are the values at these times, if `value` has one element for each
-        element of `frames`. The index is a mask if some frames are not kept, an order if
-        the times had to be sorted, else slice(None). `frames`: numbers of the frames with
-        the signal. `time`, `keep`: as in channels(). `place`: index in `time` of each
-        frame of the log; None: all frames are kept."""
+        The index selects the values at these times from the values in all frames with the
+        signal. It is a mask if some frames are not kept, a permutation if the times had
+        to be sorted, else slice(None). `frames`: indices, in the log, of the frames with
+        the signal. `time`, `keep`: as in channels(). `place`: for each kept frame of the
+        log, its index in `time`; None: all frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen

@@ -61,9 +61,11 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# An MDF 4 file consists of blocks. A link is the position [bytes] of a block; 0: none.
-# Link 0 of a block leads to the next block of its list (in an HL: to the first DL), other
-# links lead to the first blocks of sublists.
+# An MDF 4 file consists of blocks. Kinds of blocks: data group (DG), channel group (CG),
+# channel (CN), list of data blocks (DL), header of a list of DL (HL), file history (FH).
+# A link is the position [bytes] of a block; 0: none. Link 0 of a block leads to the next
+# block of its list (in an HL: to the first DL), other links lead to the first blocks of
+# sublists.
 # Kind of a block -> for each checked sublist: index of its link, kinds of its first block
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
@@ -74,8 +76,9 @@ CHILD_BLOCKS = {
     b"##HL": ((0, (b"##DL",)),),
 }
 MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
-# A file is damaged if a list of DG, CG or FH begins with a block of a different kind. A
-# list of CN, DL or HL may, e.g. with a single data block (DT), which is not checked
+# A file is damaged if a list of DG, CG or FH begins with a block of a different kind. In
+# place of a list of CN, DL or HL, a block of a different kind is allowed, e.g. a single
+# data block (DT). Such a block is not checked
 LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 
 

@@ -346,13 +346,16 @@ def _find_layout(
 
 
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
-    """Return the index of the row of the names among the rows directly above the data.
+    """Return the index of the row with the names of the columns, which is above the data.
 
     Between names and data there may be a row of units, which is skipped, and a row of
-    sources, e.g. gps or obd. Sources repeat, names hardly do: the row with the most
-    different cells has the names; if several rows do, the last of them.
-    `full`: indices of the rows above the data with as many cells as a row of data, or one
-    more; if there are none, the index of the last row above the data."""
+    sources, e.g. gps or obd. Sources repeat, names hardly do. So the row with the most
+    different cells has the names. If several rows have equally many different cells, the
+    last of these rows has the names.
+
+    `full`: indices of the rows above the data that have as many cells as a row of data,
+    or one cell more (e.g. an empty cell after a separator at the end of the line). If no
+    row has so many cells, `full` is the index of the last row above the data."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]

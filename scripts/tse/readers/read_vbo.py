@@ -166,10 +166,12 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     its last line belongs to the last column, and so on backwards. Lines that meet columns
     of the receiver are ignored.
 
-    A blank line belongs to a column without unit, or only ends the section. There should
-    be a line for each column if there are at least that many lines and the line of the
-    time is "s" or blank, else for each column besides the receiver's. Surplus blank lines
-    at the end are removed. If lines are missing, one blank line at the end is removed."""
+    A blank line belongs to a column without unit, or only ends the section. The expected
+    number of lines decides. It is the number of all columns if there are at least as many
+    lines and the line of the column time is "s" or blank. Otherwise it is the number of
+    columns that are not of the receiver. If there are more lines than expected, surplus
+    blank lines at the end are removed. If there are fewer, one blank line at the end is
+    removed."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     has_all = len(said) >= len(names) and "time" in short and said[short.index("time")] in ("", "s")

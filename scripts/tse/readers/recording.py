@@ -468,11 +468,12 @@ class ReadOptions:
     """Options of a reader, from table [log] of signals.toml and from the command line."""
 
     databases: tuple[Path, ...] = ()  # databases of the bus; (): those in the folder of the log
-    # Each of the following members may be None. None means that the reader finds the
-    # value itself, unless the comment of the member describes a different meaning
+    # If one of the following members is None, the reader finds its value from the file.
+    # Exceptions: `step` and `wanted`
     time: str | None = None  # name of the time column
     time_unit: str | None = None
-    step: float | None = None  # [s] time between rows; used if the table has no time column
+    # [s] time between the rows of a table without a time column; None: it is refused
+    step: float | None = None
     separator: str | None = None  # character between the cells of a CSV
     decimal: str | None = None  # decimal sign of a CSV
     encoding: str | None = None

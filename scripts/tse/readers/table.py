@@ -33,8 +33,9 @@ TIME_WORDS = (
 MAX_WRONG = 0.05
 # Guess of the unit of a time column from the median step between its rows. Each entry is:
 # max step in this unit, unit, length of the unit [s]. The first entry whose max is not
-# exceeded gives the unit. Steps are expected to be 1 ms to 2 s. Steps above 1 s are only
-# recognised in ms, us and ns: a step of 2 is taken as 2 ms (500 rows per s), not as 2 s.
+# exceeded gives the unit. It is right for steps up to 1 s in s, above 1 ms up to 2 s in
+# ms, above 2 ms up to 2 s in us, and above 2 ms in ns. For example, a step of 2 is taken
+# as 2 ms (500 rows per s), not as 2 s.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
@@ -299,8 +300,8 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
 
 # Limits of correct_time_units(). A group is the channels that share one array of times.
 
-# Max median step between the times of a group (channels that share one array of times)
-# that are in s. If the median step is larger, the times are probably in ms, us or ns
+# Max median step between the times of a group that are in s. If the median step is
+# larger, the times are probably in ms, us or ns
 MAX_GROUP_STEP = 2.0
 MIN_GROUP_ENTRIES = 100  # a group with fewer times is ignored when the unit is guessed
 # All groups of a log have about the same duration (last time - first time). So the unit

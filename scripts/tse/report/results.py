@@ -106,7 +106,8 @@ def make_rows(
 
 def _convert_verdict(v: Verdict) -> dict[str, Any]:
     """Return the verdict on one stiffness as entries of a row of the table of results
-    (ESTIMATE_COLUMNS), with the stiffness in N or N/rad."""
+    (ESTIMATE_COLUMNS), with the stiffness in N or N/rad. The spread is relative to the
+    stiffness."""
     return {
         "stiffness": v.key,
         "value": KILO * v.value,

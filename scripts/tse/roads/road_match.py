@@ -96,10 +96,10 @@ SAME_ALIKE = 0.05
 # this share of the turning of the whole road or of the whole log, whichever turns less.
 # So a short road or log can be matched.
 SURE_SHARE = 0.8
-# [1] The match of a log gives the ratio: distance along the road / distance from the
-# wheel speeds. If the ratio differs from 1 by more than this value, e.g. due to a wrong
-# wheel radius, the distance from the wheel speeds is corrected, and the log is matched
-# again.
+# [1] The match of a log gives the stretch factor: distance along the road / distance from
+# the wheel speeds. If the factor differs from 1 by more than this value, e.g. due to a
+# wrong wheel radius, the distance from the wheel speeds is corrected, and the log is
+# matched again.
 MAX_STRETCH = 0.005
 # [m] sd of the Gaussian window over which _refine_places() averages the offset, i.e. the
 # distance along the road minus the distance from the wheel speeds. The offset is taken as
@@ -619,9 +619,9 @@ def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
-    """Return the ratio: distance along the road / distance from the wheel speeds.
+    """Return the stretch factor: distance along the road / distance from wheel speeds.
 
-    Places on the road and steps of the log have the same spacing. So the ratio is the
+    Places on the road and steps of the log have the same spacing. So the factor is the
     mean number of places by which the car moves on in a step. Return 1 if no part of the
     log is on the road."""
     steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
@@ -654,16 +654,16 @@ def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDAr
 
     Returns
     -------
-    (M,) int, index of the place, 0 .. N - 1. -1: elsewhere.
+    (M,) int, index of the place, 0 .. N - 1. -1: off the road.
 
     Notes
     -----
     Time O(M N), memory M N bytes.
     """
     n, steps = len(its), len(turn)
-    # Most probable predecessors of the states in step i, as codes. came[i, p] is for the
-    # place p: 0 is p, 1 is p - 1, 2 is p - 2, 3 is "elsewhere". came[i, n] is for
-    # "elsewhere": 0 is "elsewhere", 1 is the place left[i].
+    # came[i, p]: code of the most probable predecessor of place p in step i. 0: place p,
+    # 1: place p - 1, 2: place p - 2, 3: the state "elsewhere" (off the road). came[i, n]:
+    # the same for the state "elsewhere" in step i. 0: "elsewhere", 1: the place left[i].
     came = np.zeros((steps, n + 1), np.int8)
     # left[i] is the place from which the car leaves the road, if it leaves it in step i
     left = np.zeros(steps, np.int64)
