@@ -72,7 +72,7 @@ class Posterior:
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
-            return v  # all sds are 0: the car is known exactly
+            return v
         v["model_sd"] = self.model_sd
         return v | {
             key: max(self.compute_sd(name), min(MIN_SD.get(key, 0.0), v[key]))
