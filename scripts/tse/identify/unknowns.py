@@ -69,8 +69,9 @@ class Unknown:
     # COMMON_SD[message]. Each also has an individual error with the prior sd `sd`. "": no
     # common error
     message: str = ""
-    # Changes against the vehicle file (latency: against 0) below this value are negligible.
-    # Unit: that of `mean`. 0: no change is negligible, as for a balance between the axles
+    # Changes against the vehicle file (latency: against 0) below this value are
+    # negligible. Unit: that of `mean`. 0: no change is negligible, as for a balance
+    # between the axles
     worth: float = 0.0
 
 
