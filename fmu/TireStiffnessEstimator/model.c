@@ -312,12 +312,13 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* Warn of a missing channel, or of a `status` (largest warning code of the step) from
-   * TSE_W_PREDICTED on. TSE_W_WAITING alone is normal: a channel has a latency. If a
-   * channel is missing, name it, unless `status` is TSE_W_GAP or above, which is more
-   * important. glue_step() logs a text only when it changes, and therefore names the
-   * missing channel once. The text of `status` could change in every step, for example
-   * from that of TSE_W_MISSING_CHANNEL to that of TSE_W_HELD. */
+  /* Warn if a channel is missing, or if `status`, the largest warning code of the step,
+   * is TSE_W_PREDICTED or larger. TSE_W_WAITING is no reason to warn: it is normal if a
+   * channel has a latency. The text names the missing channel, unless `status` is
+   * TSE_W_GAP or larger, which is more important. glue_step() logs a text only when it
+   * changes. The name of the channel is therefore logged once, whereas the text of
+   * `status` could change in every step, for example from that of TSE_W_MISSING_CHANNEL
+   * to that of TSE_W_HELD. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

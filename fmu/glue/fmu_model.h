@@ -91,8 +91,9 @@ typedef enum fmu_result {
   FMU_ERROR,
 } fmu_result;
 
-/* Log categories: name and description for modelDescription.xml. Errors and warnings are
- * on and events are off, until the importer switches them. */
+/* Log categories: name and description for modelDescription.xml. A new instance logs
+ * errors and warnings. It logs events only if the importer has switched logging on in the
+ * call that instantiates it. The importer can later switch each category on or off. */
 #define FMU_LOG_CATEGORIES(X)                                                         \
   X("logStatusError", "a call was refused and changed nothing; the text is the reason") \
   X("logStatusWarning",                                                               \

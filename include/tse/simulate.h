@@ -3,10 +3,11 @@
  *
  * The motion and the wheel speeds are integrated in steps of at most `substep`. In every
  * row, each stiffness is drawn at random about its mean (settings true_... and
- * spread_...). The sensors have noise, and biases that drift. With the setting `friction`
- * tyre forces saturate, so that wheels can lock and spin. The settings of the vehicle
- * switch the effects of src/tables/effects.toml on. As in tse/tse.h, the caller owns the
- * memory, there are no globals, and the state holds no pointers. */
+ * spread_...). The sensors have noise, and biases that drift. If the setting `friction`
+ * or the input `road_friction` is not 0, tyre forces saturate, so that wheels can lock
+ * and spin. The settings of the vehicle switch the effects of src/tables/effects.toml on.
+ * As in tse/tse.h, the caller owns the memory, there are no globals, and the state holds
+ * no pointers. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
 

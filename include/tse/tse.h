@@ -107,14 +107,14 @@ void tse_config_complete(tse_config *c);
 void tse_config_paper(tse_config *c);
 
 /* Fill c with the paper's filter and with settings that prevent its divergence after a
- * change of road. The forgetting factor of the mean of each stiffness is smaller than
- * that of the covariance of the stiffnesses (settings forgetting_mean, forgetting). While
- * innovations are correlated, the factor of the mean decreases further, down to
- * forgetting_change. A stiffness that equation (25) draws below stiffness_min is
- * reflected at this limit. The state equation (7) is integrated by a method of second
- * order. Use this filter only for comparison with the paper: on an ordinary car the
- * estimates of the default filter are more reliable. This filter needs a
- * tse_filter_paper.
+ * change of road. The forgetting factor of the mean of each stiffness (setting
+ * forgetting_mean) is smaller than that of the covariance of the stiffnesses (setting
+ * forgetting). While innovations are correlated, the forgetting factor of the mean
+ * decreases further, down to the setting forgetting_change. A stiffness that equation
+ * (25) draws below stiffness_min is reflected at this limit. The state equation (7) is
+ * integrated by a method of second order. Use this filter only for comparison with the
+ * paper: on an ordinary car the estimates of the default filter are more reliable. This
+ * filter needs a tse_filter_paper.
  *   c NULL            no effect */
 void tse_config_robust(tse_config *c);
 

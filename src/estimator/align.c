@@ -68,12 +68,13 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
   return 0;
 }
 
-/* Find the value of channel c that is nearest to row `at`, among older or newer rows.
+/* Find the value of channel c that is nearest to row `at`, among older or newer rows. The
+ * caller interpolates between this value and the value of a row R.
  *   Given:     at     index of the row next to which the search starts
  *              back   1: search older rows; 0: search newer rows
  *              rows   number of rows to search
- *   Updated:   apart  [s] time from row R, the other end of the interpolation. Before the
- *                     call: to row `at`; after it: to the row of the value
+ *   Updated:   apart  [s] before the call: time between R and row `at`; after the call:
+ *                     time between R and the row of the value
  *   Returned:  1 and *value; 0 if no value is within MAX_HOLE of R */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
@@ -143,8 +144,8 @@ static int read_channel(const tse_alignment *m, int c, tse_real age, tse_real *v
 
 /* Compose the row that a step processes: read each channel at its age p->latency_age, so
  * that all values refer to the same time.
- *   Updated:   m->lost, the share of noise variance that interpolation removes, of each
- *              IMU channel
+ *   Updated:   m->lost, for each IMU channel the share of its noise variance that
+ *              interpolation removes
  *   Returned:  row */
 static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {

@@ -31,9 +31,9 @@ static int is_formula_valid(const tse_config *c)
 }
 #endif
 
-/* Make a copy of the settings in which the values of the vehicle class replace settings
- * that are 0. Return the name of the first setting of the copy that is out of range, or
- * NULL. */
+/* Make a copy of the settings in which mass, yaw inertia and stiffnesses that are 0 ("not
+ * set") have the values of an ordinary car. Return the name of the first setting of the
+ * copy that is out of range, or NULL if all are in range. */
 static const char *find_outside_of_class(const tse_config *c)
 {
   tse_config whole = *c;

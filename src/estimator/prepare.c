@@ -348,10 +348,11 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Compute 1/sample_time and the squares of the settings noise_max and valid_sd. For the
- * particle filter (form 1) also compute the longest and shortest integration step, and
- * the fastest damping rate of the car times speed. In each row the particle filter
- * chooses its integration step from these three numbers. */
+/* Compute 1/sample_time and the squares of the settings noise_max and valid_sd. Also
+ * compute three numbers from which the particle filter (form 1) chooses its integration
+ * step in each row (vehicle_steps()): the longest step, the shortest step, and
+ * p->damping, which is 4 times speed times the fastest rate at which the tyres damp the
+ * motion. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
@@ -399,7 +400,9 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->learnt_walk = real_of(compute_square(c->learnt_walk_day));
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
-  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* initial values are w_min or more */
+  /* lower limit of a drawn w = stiffness/nominal - 1. Without reflect_draws it only
+   * prevents very large magnitudes: as in the paper, a stiffness may then be negative */
+  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min);
   p->steady_walk = real_of(compute_square(c->steady_walk));
 }
 

@@ -1,5 +1,5 @@
-/* estimator/settings.c - settings: defaults, values that follow from the class of the
- * vehicle, active effects. */
+/* estimator/settings.c - settings: defaults, values of an ordinary car for settings that
+ * are 0 ("not set"), active effects. */
 #include "estimator/settings.h"
 #include "tables/config_rows.h"
 
@@ -20,10 +20,11 @@ void tse_config_exact(tse_config *c)
     memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
 }
 
-/* Return the stiffness of an axle: the setting or, if that is 0, the value of the vehicle
- * class for the load of the axle.
+/* Return the stiffness of an axle: the setting or, if the setting is 0, the stiffness of
+ * an ordinary car with the same load of this axle.
  *   Given:  as_set      the setting
- *           share       [1/rad, or 1] ratio of stiffness to load of the vehicle class
+ *           share       ratio of stiffness to load of this axle in an ordinary car:
+ *                       [1/rad] cornering, [1] longitudinal
  *           other_axle  [m] distance of the other axle from the centre of gravity */
 static tse_setting choose_stiffness(
     const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)

@@ -68,8 +68,8 @@ static inline int params_match(const tse_params *p, const tse_filter *f)
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }
 
-/* Return the more severe of two cautions, i.e. the status with the larger code. Both
- * codes must be 0 or positive. */
+/* Return the more severe of two warnings: the one with the larger code. Neither status
+ * may be negative. */
 static inline tse_status worse(tse_status a, tse_status b) { return a > b ? a : b; }
 
 #endif

@@ -277,8 +277,9 @@ static int can_name_frozen(const tse_kalman *k, int32_t which)
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
 }
 
-/* Return the log2 penalty of an event that increases a cornering stiffness: log2(e)
- * excess^2/(2 variance) of the axle where it is larger. 0: no axle has an excess > 0.
+/* Return the log2 penalty of an event that increases a cornering stiffness. It is
+ * log2(e) * excess^2/(2 variance), for the axle with the larger excess^2/variance. It is
+ * 0 if no axle has an excess > 0.
  *
  * Road surface: the nominal stiffness is that of a road with good grip, so that a new
  * stiffness above nominal is unlikely. The excess is ln(new stiffness/nominal), the
@@ -340,8 +341,8 @@ int event_is_small(const tse_kalman *k, int n)
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
   /* compare the posterior mean square of the amplitude, mean^2 + variance, with the
-   * square of the min amplitude (kind.least). Both sides are multiplied by (1 +
-   * info)^2. Without samples the posterior is the prior */
+   * square of the min amplitude (kind.least). Both sides are multiplied by
+   * (1 + info)^2 */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
@@ -473,9 +474,9 @@ static int find_slot(
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift each state i by c = by[i] state_unit[i]. Exception: in a change of tyres, c of a
- * stiffness or of the grip is its relative change. Its state, a logarithm, then shifts by
- * ln(1 + c).
+/* Shift each state i by c = by[i] * state_unit[i]. Exception: in a change of tyres, c of
+ * a stiffness or of the grip is its relative change. Its state, a logarithm, then shifts
+ * by ln(1 + c).
  *   Returned:  rescale  derivative of each shift with respect to c: 1, or 1/(1 + c) for a
  *                       logarithm */
 static void move_state(
@@ -495,7 +496,7 @@ static void move_state(
 }
 
 /* Add var v v' to the covariance. var is the variance of an amplitude, and v the
- * derivative of the state with respect to this amplitude: v[i] = slopes[i] rescale[i].
+ * derivative of the state with respect to this amplitude: v[i] = slopes[i] * rescale[i].
  *   Given:  slopes   derivative of `by`, the argument of move_state(), with respect to
  *                    the amplitude
  *           rescale  from move_state() */

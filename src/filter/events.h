@@ -12,10 +12,12 @@
  * state for a given w is therefore w v + (beside - part w) v2 = w (v - part v2) +
  * beside v2. */
 typedef struct event_posterior {
-  tse_real amplitude, var; /* mean and variance of w */
-  tse_real info, score;    /* information of the samples on w (1/variance); d ln(likelihood)/dw at w = 0 */
-  tse_real part;           /* decrease of the mean of w2 per unit of w; 0 without w2 */
-  tse_real beside, beside_var; /* mean of w2 at w = 0, and its variance given w; 0 without w2 */
+  tse_real amplitude, var;     /* mean and variance of w */
+  tse_real info, score;        /* info: information of the samples on w (1/variance).
+                            * score: d ln(likelihood)/dw at w = 0 */
+  tse_real part;               /* decrease of the mean of w2 per unit of w; 0 without w2 */
+  tse_real beside, beside_var; /* beside: mean of w2 at w = 0. beside_var: variance of w2 for a given w.
+                                * Both are 0 without w2 */
   const tse_event *second;     /* event of w2, with v2; NULL without w2 */
 } event_posterior;
 
@@ -43,7 +45,8 @@ int32_t event_fault(int32_t which);
 int can_return(const tse_kalman *k);
 
 /* Update the sensitivity and the evidence of all events with a measurement.
- *   Given:  channel  ACCEL_X ..., or NO_SENSOR_*
+ *   Given:  channel  ACCEL_X ..., or NO_SENSOR_* (types.h) if the measurement is not made
+ *                    by one of the TSE_SENSORS, for example a measured velocity
  *           along    1: the car does not brake (scalar.along)
  *           h, gain  partial derivatives and Kalman gain. First those of the STATES
  *                    states, then those of the extra states in use (measured

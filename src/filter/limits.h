@@ -107,7 +107,8 @@
 #define MAX_USUAL TSE_R(1000)           /* [1] max of tse_kalman.usual, the running mean of the ratio of the
                                          * squared slow (low-passed) innovation to its predicted variance */
 #define MAX_FROZEN TSE_R(1000)          /* [log2] max evidence that a channel is frozen: -log2 of the
-                                         * probability that a working channel repeats its value so often */
+                                         * probability that a working channel repeats its value as many times
+                                         * as this channel has */
 #define MAX_INFO TSE_R(1e6)             /* [1] max information (1/variance) of the samples on the amplitude of
                                          * an event. Also the max magnitude of three other numbers: the score,
                                          * which is the derivative of the log-likelihood with respect to the
@@ -139,15 +140,16 @@
                                          * (bias, stiffness, grip, steering). Noise is not added in every row,
                                          * because each addition is a rank-one change of the covariance, which
                                          * takes time */
-#define WANDER_TIME TSE_R(0.2)          /* [s] as WALK_TIME, for gravity along and across the road, which
-                                         * changes faster: a small share of its correlation time,
-                                         * ROAD_TIME/40 */
+#define WANDER_TIME TSE_R(0.2)          /* [s] as WALK_TIME, but for gravity along and across the road. It is
+                                         * shorter, because gravity changes faster: ROAD_TIME/40, where
+                                         * ROAD_TIME is the correlation time of gravity */
 #define MAX_GAIN TSE_R(0.1)             /* [1] max gain of a running mean in one row, also if the time since
                                          * the previous row is long */
 #define MIN_NOISE TSE_R(0.04)           /* [1] min ratio of the estimated noise variance to the variance in
                                          * the settings. The estimated sd is then a fifth of the sd in the
                                          * settings */
-#define MIN_DT TSE_R(1e-4)              /* [s] min time between rows, because rates are divided by it */
+#define MIN_DT TSE_R(1e-4)              /* [s] min dt of a row. A smaller dt counts as MIN_DT, because
+                                         * differences are divided by dt to get rates */
 #define SAME_SPEED TSE_R(1e-5)          /* [1] max relative difference of two speeds that count as equal.
                                          * Rounding of equal speeds to six digits causes such a difference */
 #define MIN_SPEED_RATIO TSE_R(0.5)      /* [1] min stored ratio of front to rear wheel speed

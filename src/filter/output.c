@@ -323,7 +323,8 @@ typedef struct origin {
   int32_t of, at;
 } origin;
 
-/* Return the part of the sd of state i [unit] that is due to an uncertainty. */
+/* Return the part of the sd of state i that is due to an uncertainty. The unit is
+ * state_unit[i], or 1 for a stiffness that TSE_SMALL does not estimate. */
 static tse_real compute_part(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
   if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR : TSE_R(0);
