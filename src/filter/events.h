@@ -14,7 +14,7 @@
 typedef struct event_posterior {
   tse_real amplitude, var;     /* mean and variance of w */
   tse_real info, score;        /* info: information of the samples on w (1/variance).
-                            * score: d ln(likelihood)/dw at w = 0 */
+                                * score: d ln(likelihood)/dw at w = 0 */
   tse_real part;               /* decrease of the mean of w2 per unit of w; 0 without w2 */
   tse_real beside, beside_var; /* beside: mean of w2 at w = 0. beside_var: variance of w2 for a given w.
                                 * Both are 0 without w2 */
