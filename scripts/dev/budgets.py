@@ -48,6 +48,8 @@ OPTIONS = (
     "-DTSE_MAX_PARTICLES=16",
     "-DTSE_LATENCY_ROWS=8",
 )
+# Instructions of a row: mean, maximum, maximum / mean. Bytes: flash without the particle
+# filter ("text") and with it ("all_forms"), RAM, stack
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions in the loop of known length that checks the count
@@ -61,7 +63,8 @@ class Measured:
     """Cost of the filter on one target, and the limits of the target."""
 
     name: str
-    limits: dict[str, dict[str, float]]  # key: quantity of QUANTITIES; value: `goal`, `limit`
+    # Key: quantity of QUANTITIES. Value: its "goal" and "limit", if there are any
+    limits: dict[str, dict[str, float]]
     skipped: str = ""  # reason if the target was not measured, otherwise ""
     unfit: str = ""  # reason if the program does not fit into flash or RAM, otherwise ""
     values: dict[str, float] = field(default_factory=dict)  # key: quantity of QUANTITIES
@@ -69,7 +72,7 @@ class Measured:
     # describes all kinds. Value: number of rows; mean and maximum of the number of
     # instructions of a row
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
-    stacks: dict[str, int] = field(default_factory=dict)  # [bytes] key: method of measuring
+    stacks: dict[str, int] = field(default_factory=dict)  # [bytes] key: as described in STACKS
 
     def list_exceeded(self) -> list[str]:
         """Return a message for each limit that is exceeded."""

@@ -29,7 +29,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 # Key: hook, the place in the model at which the function of an effect is called. Value:
 # part of the model that the effect changes (column `entry` of effects.toml), signature of
-# its function, and body of its function, which has no effect until the user completes it
+# its function, and body of its function, which changes nothing until the user writes the
+# formula
 HOOKS = {
     "CONSTANT": (
         "parameters",

@@ -43,7 +43,8 @@ def split_words(text: str) -> list[str]:
 def wrap(text: str, first: str, rest: str) -> list[str]:
     """Return a text in lines of at most WIDTH columns.
 
-    `first`: indent of the first line; `rest`: indent of the following lines."""
+    `first`: indent of the first line, with the mark of a list item ("- ") if it has one.
+    `rest`: indent of the following lines."""
     lines, line = [], first
     for word in split_words(text):
         begins = line in (first, rest)
@@ -61,7 +62,8 @@ def find_end(line: str, is_first: bool) -> str:
     """If this line starts a part that is not prose, return the mark that ends the part.
 
     For example, a line "```c" starts a code block, which ends with "```". If the line
-    does not start such a part, return "". `is_first`: it is line 1 of the file."""
+    does not start such a part, return "". `is_first`: True if it is line 1 of the
+    file."""
     stripped = line.strip()
     if stripped.startswith(("```", "~~~")):
         return stripped[:3]

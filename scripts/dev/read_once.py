@@ -5,9 +5,9 @@
 
 Prints N places of the sources, each with the lines of code around it: a few lines, or
 with --screen about as many as a screen shows. The reader says in one sentence what each
-text means, and whether it had to be read twice. --skip leaves out
-the places that earlier calls with these seeds have drawn. To find them, the script draws
-them again, so --count and the sources must be the same as in the earlier calls.
+text means, and whether it had to be read twice. --skip leaves out the places that earlier
+calls with these seeds have drawn. To find them, the script draws them again, so --count
+and the sources must be the same as in the earlier calls.
 """
 
 import argparse

@@ -47,7 +47,8 @@ CONFIG = (
 # that is not a key has a file of its own, with the name of the table.
 SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
-NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
+# Default, low and high of a row of tse_describe() that has no range: low is above high
+NO_RANGE = "0.0, 1.0, -1.0"
 # Tables with settings that only one filter uses. Key of ONLY: this filter (column
 # `filter`). Value: text that is appended to the text of the setting.
 ONLY_IN = ("vehicle", "sensors", "filter")
@@ -173,7 +174,9 @@ def describe_setting(row: Row) -> str:
 
 
 def list_members(rows: dict[str, Row], real: str) -> list[str]:
-    """Return the members of a struct of settings. `real`: type of the real settings."""
+    """Return the members of a struct of settings.
+
+    `real`: C type of each setting that is not an integer: tse_setting or tse_real."""
     return [
         format_member(
             "int32_t" if r.get("whole") else real, n, describe_setting(r), 45 if real == "tse_setting" else 28
@@ -313,10 +316,11 @@ def list_constants() -> list[str]:
 def list_config_groups() -> list[str]:
     """Return definitions of the C constants FIRST_<TABLE> and COUNT_<TABLE>.
 
-    FIRST_<TABLE> is the index of the first real setting of the table among all real
-    settings of tse_config. COUNT_<TABLE> is the number of real settings of the table.
-    FIRST_WHOLE_FORMULA and COUNT_WHOLE_FORMULA are the same for the integer settings of
-    the table `formula`, among all integer settings."""
+    A real setting is a setting that is not an integer. FIRST_<TABLE> is the index of the
+    first real setting of the table among all real settings of tse_config. COUNT_<TABLE>
+    is the number of real settings of the table. FIRST_WHOLE_FORMULA and
+    COUNT_WHOLE_FORMULA are the same for the integer settings of the table `formula`,
+    among all integer settings."""
     parts = []
     reals = [n for n, r in read_config().items() if not r["whole"]]
     wholes = [n for n, r in read_config().items() if r["whole"]]
@@ -379,10 +383,10 @@ def describe_settings() -> list[str]:
 
 
 def count_effect_numbers() -> list[str]:
-    """Return the definition of TSE_EFFECT_NUMBERS, the number of reals in tse_effects.
+    """Return the definition of TSE_EFFECT_NUMBERS: how many tse_real tse_effects has.
 
-    These reals are the settings of the effects and 10 more: the mass of the car,
-    formula_gain, and formula_a .. formula_h (8 constants of the user's formula).
+    They are the settings of the effects and 10 more: the mass of the car, formula_gain,
+    and formula_a .. formula_h (8 constants of the user's formula).
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 

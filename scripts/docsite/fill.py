@@ -32,11 +32,10 @@ LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}  # language of a code 
 
 
 def describe_use(text: str) -> str:
-    """Return the description of how the filters use an effect as Markdown, one sentence
-    for each part.
+    """Convert the library's text on how the filters use an effect to Markdown.
 
-    In the library, "; " separates the parts. Settings that are ignored under the same
-    condition are named in one sentence."""
+    `text`: parts, separated by "; ". Each part becomes a sentence, but settings that are
+    ignored under the same condition are named in one sentence."""
     use, *rest = text.split("; ")
     ignored: dict[str, list[str]] = {}  # condition -> the settings that are ignored
     words = [use]

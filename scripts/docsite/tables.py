@@ -254,8 +254,8 @@ def list_output_members() -> dict[str, str]:
 def make_output_fields() -> str:
     """Return the table of the members of tse_output.
 
-    A member that is the reason for an estimate in C is a flag in the table of estimates
-    and in the FMUs."""
+    A member of tse_output with the reason why an estimate is not valid is an output
+    NAME_valid in the table of estimates and in the FMUs: 1 valid, 0 not valid."""
     members = list_output_members()
     rows = []
     for f in library().fields(OUTPUT):

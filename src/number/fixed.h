@@ -4,9 +4,9 @@
  * Overflow of sums: `+` and `-` are those of C and do not detect overflow. The results of
  * all other operations therefore saturate at FIXED_MOST, a sixteenth of the range of
  * int64_t, so that fifteen results can be added without overflow. Sums over the states of
- * the filter have up to 23 terms, which is more. The terms of such sums are kept far
- * below FIXED_MOST by other limits (MAX_SLOPE in filter/limits.h, state_max in
- * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
+ * the filter have up to 23 terms, more than fifteen. Other limits (MAX_SLOPE in
+ * filter/limits.h, state_max in filter/units.c) therefore keep the terms of such sums far
+ * below FIXED_MOST. A saturated result counts as infinite: r_is_finite() returns 0, and
  * the filter restarts.
  *
  * The code is portable C: a product is computed from four products of 32-bit halves. If

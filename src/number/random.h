@@ -1,8 +1,8 @@
 /* number/random.h - random numbers as a function of seed, step, particle and purpose. The
  * generator has no state, and numbers may be computed in any order.
  *
- * It is threefry2x32 with 20 rounds: Salmon et al., "Parallel random numbers: as easy as
- * 1, 2, 3", SC11 (2011). */
+ * The generator is threefry2x32 with 20 rounds: Salmon et al., "Parallel random numbers:
+ * as easy as 1, 2, 3", SC11 (2011). */
 #ifndef TSE_RANDOM_H
 #define TSE_RANDOM_H
 
@@ -64,7 +64,8 @@ static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real
  * are not independent: their joint distribution is the spherical one, in which all three
  * have the same chi-square variable as divisor. Four random words are used, without
  * rejection: Bailey, Math. Comp. 62 (1994) 779.
- *   (t1, t2)  bivariate t: radius^2 = nu (U^(-2/nu) - 1), uniform angle
+ *   (t1, t2)  bivariate t: radius^2 = nu (U^(-2/nu) - 1), where U is uniform in (0, 1);
+ *             uniform angle
  *   t3        given t1 and t2: t(nu + 2) sqrt((nu + radius^2)/(nu + 2)), where t(nu + 2)
  *             is a Student-t number with nu + 2 degrees of freedom
  *   Given:  minus_2_nu   -2/nu, computed once for all particles

@@ -145,7 +145,7 @@ typedef uint64_t real_bits;
 #define REAL_INFINITY 0x7ff0000000000000u
 #define REAL_ROOT_HALF 0x00195f619980c433u
 #define REAL_MOST_INT 2147483647.0
-#define REAL_UNIFORM 1 /* low bits of a random word to drop: SSE2 converts signed integers only */
+#define REAL_UNIFORM 1 /* low bits of a random word to drop: SSE2 converts only signed integers (31 bits) */
 static inline tse_real r_sqrt(tse_real x) { return sqrt(x); }
 static inline tse_real evaluate_log2_series(tse_real z)
 {

@@ -107,7 +107,7 @@ static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)
  *                     parameter that is not estimated). It is not a state and has no
  *                     such unit: x is only divided by the unit of row i
  *   r_slope_sums      product of the matrix and `together` vectors x[b]:
- *                     to[i together + b] += sum of slope[i stride + j] x[b][j], j < n,
+ *                     to[i*together + b] += sum of slope[i*stride + j] * x[b][j], j < n,
  *                     for i < rows and b < together */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
@@ -338,9 +338,10 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
          x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
-/* Return the shift by which a row is scaled. r_scale_of() scales the largest of n numbers
- * to about an eighth of the range of a tse_short. r_scale_of_variance() scales the square
- * root of a variance to a tenth of this range or more. */
+/* Return the shift by which a row is scaled. The shift of r_scale_of() brings the largest
+ * magnitude of n numbers to 2 .. 4, but is at most `max`. The shift of
+ * r_scale_of_variance() brings the square root of a variance to 5.6 .. 11.4. A tse_short
+ * saturates only at 256, so that elements of the row can grow. */
 static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;

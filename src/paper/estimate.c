@@ -1,5 +1,5 @@
-/* paper/estimate.c - equations (26), (27): estimates from the
- * moments of the particles. */
+/* paper/estimate.c - equations (26), (27): estimates from the moments of the
+ * particles. */
 #include "paper/paper.h"
 
 /* Return the sum of weight times value, saturated in fixed point. It is computed as

@@ -18,10 +18,12 @@
 
 /* Constants of the adaptive forgetting. gamma is the ratio of the variance of the mean
  * stiffness to the variance of the stiffness about its mean. Forgetting divides gamma by
- * lambda_mu, so that a smaller lambda_mu forgets faster. lambda_mu decreases while the
+ * lambda_mu, so that a smaller lambda_mu forgets faster. The usual value of lambda_mu is
+ * the setting `forgetting_mean` or, if this is at most 0.5, the setting `forgetting`.
+ * lambda_mu decreases, but not below the setting `forgetting_change`, while the
  * low-passed innovations are larger than low-passed white noise would be, because the
- * mean stiffness is then probably wrong. Forgetting is adaptive only if the setting
- * `forgetting_change` is below `forgetting_mean`. */
+ * mean stiffness is then probably wrong. If `forgetting_change` is not below the usual
+ * value, lambda_mu is constant. */
 #define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
 #define USUAL_RATIO TSE_R(3) /* [1] ratio of the mean square of the low-passed innovations to that of
                               * low-passed white noise, up to which lambda_mu does not change */

@@ -35,7 +35,7 @@ typedef struct common {
   observation_gains g;        /* gains of h and d of (9); 0 if the measurement is missing */
   tse_real l[3];              /* (P + R)^-1/2, R = 1: factor that whitens the innovation */
   tse_real gain[3];           /* K (P + R)^1/2, (19): bias correction per whitened y - h - d w - b */
-  tse_real max_bias[3];       /* [sigma] max magnitude of a bias */
+  tse_real max_bias[3];       /* [sd of the sensor noise] max magnitude of a bias */
   tse_real nut;               /* nu - d_w + 1 = nu - 2 of (22): degrees of freedom */
   tse_real a;                 /* factor a of (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu */
   tse_real r;                 /* (nut - 2)/nut of (22): scale of the whitened noise */

@@ -3,12 +3,13 @@
  *
  * Each scheme places n positions on the cumulative weights, scaled to 0 .. 1, and takes
  * the particles at these positions. The schemes differ in the positions (U: a uniform
- * random number; k = 0 .. n - 1; q: ratio of a weight to the sum of weights):
- *   systematic   (k + U)/n, one U for all
- *   stratified   (k + U_k)/n, an independent U_k for each k
- *   multinomial  n sorted uniform numbers
- *   residual     first floor(n q) copies of each particle. The remaining positions are
- *                stratified on the cumulative remainders n q - floor(n q)
+ * random number; k = 0 .. n - 1; q: ratio of a weight to the sum of weights). The number
+ * of a scheme is its value of the setting `resampling`:
+ *   0 systematic   (k + U)/n, one U for all
+ *   1 stratified   (k + U_k)/n, an independent U_k for each k
+ *   2 residual     first floor(n q) copies of each particle. The remaining positions are
+ *                  stratified on the cumulative remainders n q - floor(n q)
+ *   3 multinomial  n sorted uniform numbers
  * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
  * ISPA 2005. */
 #include "paper/paper.h"
