@@ -93,16 +93,17 @@ def choose_reader(path: Path) -> str:
         raise UserError(f"{path}: cannot be read as it is: {UNREADABLE[suffix]}; readable: {FORMATS}")
     text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
-    if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
+    # .log and .can are suffixes of bus logs, but detect_bus_text() found no frames: the
+    # file is read as a table
+    if found == "can":
+        return "text" if text and suffix in (".log", ".can") else "can"
+    has_mark = bool(found and READERS[found][1])  # files of this format have known first bytes
+    if has_mark and not (text and suffix == ".dat"):
         raise UserError(
             f"{path}: does not begin like a {suffix} file: it is cut off, or has a different format; "
             f"readable: {FORMATS}"
         )
-    # .log and .can are suffixes of bus logs, but detect_bus_text() found no frames: the
-    # file is read as a table
-    if found == "can" and suffix in (".log", ".can") and text:
-        return "text"
-    if found in ("can", "openpilot", "vbo"):
+    if found and found != "text" and not has_mark:
         return found
     if text:
         return "text"
