@@ -140,13 +140,14 @@ static tse_real compute_factor(const tse_pair *q)
 
 /* Update the two sums from which the scale of the speed is computed, over SCALE_TIME of
  * driving: of the square of the first quantity of a pair, and of the product of both
- * quantities. A pair that disagrees, or whose squared correlation is below SCALE_RELATED,
- * does not contribute.
+ * quantities, each minus its mean. A pair that disagrees, or whose squared correlation is
+ * below SCALE_RELATED, does not contribute.
  *
  * The second quantity also contains the rate of the slip (ALONG) or of the lateral speed
  * (ACROSS). In periodic motion this rate is proportional to the rate of the first
- * quantity, and thus leads the first quantity by a quarter of a period. Their mean
- * product is 0, so that slip and lateral speed do not bias the scale. */
+ * quantity, and thus leads the first quantity by a quarter of a period. The mean product
+ * of this rate and the first quantity is therefore 0, so that slip and lateral speed do
+ * not bias the scale. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -206,7 +207,7 @@ static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE
  * g. The ratio of these two integrals, t->late and t->square, is the estimate of T.
  *   Given:  x, y   values in the previous row and in this row
  *           slope  rate of x [per second]
- *           keep   factor by which the old sums are multiplied */
+ *           keep   factor by which the old sums are multiplied, to forget old rows */
 static void update_timing(
     tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
 {
@@ -217,7 +218,8 @@ static void update_timing(
 
 /* Return the max plausible value of (nominal - true)/true for the rear cornering
  * stiffness: SOFTER, plus (before - after)/after of the last accepted change if this was
- * a change to a road with less grip. The sum is at most SOFTER + e - 1. */
+ * a change to a road with less grip. The ratio before/after counts as at most e (2.718,
+ * i.e. exp(1)). */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -273,8 +275,8 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
  * that soft tyres or an IMU further back can cause (a->lags).
  *
  * Both sides of each comparison are multiplied by the excitation, the time integral of
- * the squared jerk (`square`, `asked`). 3 sd of a latency are LATE_SD/sqrt(excitation),
- * and times the excitation LATE_SD sqrt(excitation). */
+ * the squared jerk (`square`, `asked`). 3 sd of a latency are LATE_SD/sqrt(excitation).
+ * Multiplied by the excitation, this is LATE_SD sqrt(excitation). */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -334,7 +336,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
   /* ALONG disagrees, and so does TURNING_BY, or ACROSS by a factor that a wrong speed can
-   * have. The speed is the only quantity that ALONG shares with TURNING_BY and ACROSS */
+   * have. The speed is the only quantity that ALONG shares with TURNING_BY and ACROSS. It
+   * is therefore wrong */
   if (along && (turning || is_speed)) {
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;

@@ -13,8 +13,8 @@
 STAGE void check_agreement(
     const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
 
-/* Return the number of the channel that contradicts the others, as
- * in fault_channel, or 0.
+/* Return the number of the channel that contradicts the others, as in
+ * tse_output.fault_channel, or 0.
  *   Returned:  *factor  (logged value)/(true value) of this channel; negative if its
  *                       sign is wrong. 0: no channel, or the error is not a factor, for
  *                       example a latency */

@@ -4,10 +4,10 @@
 
 #include "filter/types.h"
 
-/* Sensitivities: partial derivatives of the state with respect to the amplitude of
- * each event (tse_event.v) and to each consider parameter (tse_kalman.consider). A
- * consider parameter is uncertain and not estimated. Its uncertainty is included in
- * the gains and variances (Schmidt-Kalman filter). */
+/* Sensitivities: shift of the state per unit of the amplitude of each event
+ * (tse_event.v), and per sd of each consider parameter (tse_kalman.consider). A consider
+ * parameter is uncertain and not estimated. Its uncertainty is included in the gains and
+ * variances (Schmidt-Kalman filter). */
 
 /* Propagate the sensitivities through the row.
  *   Given:  M  transition in units of the state: first the columns of the states, as for

@@ -33,9 +33,9 @@ tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift
 
 /* Start a new estimate of ln(slip stiffness) at the present value of LCX, after an
  * accepted change of the road surface or of the tyres, because the model error after the
- * change is unknown. Its variance is that of the old estimate plus the increase of the
- * variance of LCX by the change. If the change is a return to the previous road (which =
- * EVENT_ROAD_RETURN), restore the estimate for that road instead.
+ * change is unknown. The variance of the new estimate is that of the old estimate plus
+ * the increase of the variance of LCX by the change. If the change is a return to the
+ * previous road (which = EVENT_ROAD_RETURN), restore the estimate for that road instead.
  *   Given:  which   kind of the event: EVENT_ROAD ...
  *           before  variance of LCX before the change [unit^2] */
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);

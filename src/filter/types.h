@@ -76,7 +76,7 @@ enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
 /* A scalar measurement. h and consider are partial derivatives of its prediction. */
 typedef struct scalar {
-  int32_t along;                     /* 1: no braking, so that longitudinal channels show tyre changes */
+  int32_t along;                     /* 1: no braking: longitudinal channels are evidence of tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */

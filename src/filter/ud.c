@@ -10,9 +10,10 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 }
 
 /* Multiply an element d of D by share^2, but leave it at least MIN_D.
- *   Returned:  share (old d)/(new d): factor for the column u of U above d, so that the
- *              covariances u d are multiplied by share. It is 1/share unless MIN_D limits
- *              the new d. In fixed point it is always 1/share */
+ *   Returned:  share * (old d)/(new d): factor for the column u of U above d. If the
+ *              caller multiplies u by it, the covariances u d are multiplied by share.
+ *              The factor is 1/share unless MIN_D limits the new d. In fixed point it is
+ *              always 1/share */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;

@@ -6,8 +6,8 @@
  * (measurement) and VI.4 (time); Agee & Turner (1972), rank-one update. Only the elements
  * of U above the diagonal are stored, one column after the other (p->u).
  *
- * Extra states exist only after a velocity has been measured, for example the heading
- * (velocity.c). No other state depends on them. They come first in U, where each adds a
+ * Extra states, for example the heading (velocity.c), exist only after a velocity has
+ * been measured. No other state depends on them. They come first in U, where each adds a
  * row at the top and leaves the rows of the other states unchanged. The added rows are
  * called W and are stored in p->w. In vectors (a, h, f, v, gain), however, the extra
  * states come last. While p->extras is 0, no extra states are in use, and their elements
@@ -70,7 +70,7 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count);
  *   Given:   M      first MOTION rows of F, in the number format that r_slope() returns.
  *                   The other rows of F equal the rows of the identity matrix
  *            noise  diagonal of Q for the first MOTION states
- *   O(MOTION STATES^2 / 2) time */
+ *   O(MOTION * STATES^2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
 
 /* ------------------------------------------- update the covariance with a measurement */

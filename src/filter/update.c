@@ -12,9 +12,9 @@
  * range.
  *
  * Measurements before the correction of a stiffness were linearised at its old value. The
- * sd of the resulting error of the stiffness is OWN_SHARE (0.5) times the correction. Its
- * variance is added to k->moved, from which predict_slow_states() adds it to the variance
- * of the stiffness. */
+ * sd of the resulting error of the stiffness is OWN_SHARE (0.5) times the correction. The
+ * variance of this error is added to k->moved, and predict_slow_states() adds k->moved to
+ * the variance of the stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)

@@ -30,7 +30,7 @@
 #if !defined(TSE_NO_VELOCITY)
 
 /* Columns of the past motion: longitudinal speed, lateral speed and yaw rate, in the
- * order of the states VX, VY and YAW, then the heading. */
+ * order of the states VX, VY and YAW, then the heading. KEPT is the number of columns. */
 enum { KEPT_HEADING = 3, KEPT };
 
 /* Velocity channels, in the order of src/tables/sensors.toml. */

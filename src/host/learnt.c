@@ -106,7 +106,7 @@ static const uint8_t *get_all(const uint8_t *at, int32_t *x, int n)
   return at;
 }
 
-/* Write a content with its frame. */
+/* Write a content as a file: add magic, format, size and CRC. */
 static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 {
   uint8_t *at = put(out, MAGIC);

@@ -14,7 +14,8 @@
  *                  variance of an innovation; numbers divided by the sd of a sensor (the
  *                  sd may be as small as 1e-5); stored samples of lags and delays
  *   MOST_VARIANCE  [squared unit of the state] elements of D in the covariance U D U',
- *                  and tse_kalman.moved. The variances of an unknown motion are smaller
+ *                  and tse_kalman.moved. Even the variances of an unknown motion are
+ *                  smaller
  *   MOST_U         elements u of U in U D U': sqrt(MOST_VARIANCE/MIN_D). In fixed point u
  *                  is limited by its type
  *   MOST_PART      d u^2, the part that an element u of U adds to a variance, d being the

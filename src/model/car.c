@@ -5,7 +5,8 @@
 
 #define MAX_SUBSTEP TSE_R(0.011) /* [s] max substep of the integration; a row of 10 ms is one substep */
 #define RADIUS_LOSS TSE_R(0.005) /* [1] relative decrease of the rolling radius under the static load: a tyre
-                                  * deflection of 20 mm decreases the radius of 0.32 m by 8 % of 20 mm */
+                                  * deflection of 20 mm decreases the radius of 0.32 m by 8 % of
+                                  * 20 mm, i.e. by 1.6 mm */
 
 /* Longitudinal or lateral force of a tyre. Forces are divided by the mass of the car. */
 typedef struct tyre {

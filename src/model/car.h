@@ -71,10 +71,10 @@
 #include "model/state.h"
 #include "model/laws.h"
 
-/* The state x, in SI units: ROW(name, unit in the covariance, max magnitude). In these
- * units all numbers of the covariance have a similar magnitude, which suits every
- * number format. The states of the motion come first. In the transition matrix only
- * their rows have off-diagonal elements. */
+/* The state x, in SI units: ROW(name, unit in the covariance, max magnitude). The units
+ * in the covariance give all its elements a similar magnitude, which suits every number
+ * format. The states of the motion come first. In the transition matrix only their rows
+ * have off-diagonal elements. */
 /* clang-format off */
 /* The build TSE_SMALL has lateral motion only. There the quantities of KNOWN_ROWS are not
  * states but constants, with the mean of their prior as value. There are two exceptions:

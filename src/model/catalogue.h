@@ -141,7 +141,7 @@ static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_re
   return r_div(TSE_R(1), r_mul(e->longitudinal_relaxation_length, inv));
 }
 
-/* stiffness_drift: all stiffnesses are multiplied by 1 + change share. share increases
+/* stiffness_drift: all stiffnesses are multiplied by 1 + change * share. share increases
  * linearly from 0 at `start` to 1 at `start + time`. With a short `time` the stiffness
  * steps. Typical change 5 .. 15 %, caused by temperature, wear or a different road. */
 static inline void stiffness_drift_stiffness(point *pt)
@@ -244,7 +244,7 @@ static inline void bank_body(point *pt)
 /* crosswind: a wind of constant speed w and constant direction adds the lateral force
  * c w sqrt(vx^2 + w^2) cos(psi). psi is the heading of the car relative to the heading at
  * which the wind pushes it straight to the left. At the start psi is the setting
- * crosswind_heading. It changes with the heading of the car. The force acts at the
+ * crosswind_heading. Later psi changes with the heading of the car. The force acts at the
  * distance `arm` in front of the centre of gravity. Typical: w = 3 .. 10 m/s,
  * coefficient c = 2.8 kg/m, arm = 0.45 m. */
 static inline void crosswind_body(point *pt)

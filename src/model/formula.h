@@ -109,8 +109,8 @@ static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 }
 
 /* Return x after a second-order lag (mode_step() in laws.h).
- *   Given:  frequency  [Hz] natural frequency; negative: 0
- *           damping    [1] damping ratio; negative: 0 */
+ *   Given:  frequency  [Hz] natural frequency; a negative value counts as 0
+ *           damping    [1] damping ratio; a negative value counts as 0 */
 static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequency, tse_real damping)
 {
   const tse_real *const was = f->pt->m->formula[f->used];

@@ -132,8 +132,8 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
   if (!m->lags) return;
   /* For LAG state i, k is own[i] + b[i] dalpha. dalpha is the rate of change of its
    * kinematic slip or slip angle that follows from k[0] .. k[TURNS + 1]. With the
-   * denominator v of slip or slip angle: d alpha/d vy = -1/v, d alpha/d r = -lf/v and
-   * lr/v, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+   * denominator v of slip or slip angle: d alpha/d vy = -1/v, d alpha/d r = -lf/v
+   * in front and lr/v in the rear, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
@@ -142,10 +142,10 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
 
 /* Compute ramp[i], the change of the time derivative f of each LAG state within a step h
  * that is due to the change of the inputs from `at` to `to`: h df/dt. As in Rosenbrock
- * methods for equations that depend on time, g ramp[i] is added to f in the first stage
- * of ROS2 and subtracted from f in the second stage. Without this term, a LAG state with
- * a time constant much shorter than the step would move by 1/(2 g) = 1.7 times the change
- * of the slip that it follows. */
+ * methods for equations that depend on time, ramp[i] times the constant ROS2 is added to
+ * f in the first stage of the method, and subtracted from f in the second stage. Without
+ * this term, a LAG state with a time constant much shorter than the step would move by
+ * 1/(2 ROS2) = 1.7 times the change of the slip that it follows. */
 static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
@@ -195,9 +195,9 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
  *
  * If a wheel may lock, the stages of ROS2 would jump over the change of sign of the brake
  * torque. Then use the implicit Euler method, with the steering angle and the torques at
- * the end of h. Its brake torque is proportional to the wheel speed at the end of h, with
- * the ratio torque / v at the start. It vanishes with this speed, so that a brake never
- * turns a wheel backwards.
+ * the end of h. In this method the brake torque is proportional to the wheel speed v at
+ * the end of h, with the ratio torque / v at the start. The torque is 0 if this speed is
+ * 0, so that a brake never turns a wheel backwards.
  *   Updated:   at  if a wheel may lock: evaluated with the steering angle and the torques
  *                  at the end of h; otherwise unchanged
  *   Returned:  dx */

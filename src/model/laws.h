@@ -195,7 +195,7 @@ static inline tse_real compute_load_share(tse_real more) { return r_max(TSE_R(1)
 
 /* ---- body and sensors */
 
-/* Return aerodynamic drag / mass, which is drag vx |vx|. */
+/* Return aerodynamic drag / mass [m/s2]: the coefficient `drag` [1/m] times vx |vx|. */
 static inline tse_real drag_of(tse_real drag, tse_real vx) { return r_mul(r_mul(drag, r_abs(vx)), vx); }
 
 /* Return rolling resistance / mass. Below 0.5 m/s it is proportional to the speed.

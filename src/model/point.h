@@ -46,7 +46,7 @@ typedef struct point {
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
   slips s;            /* slips and slip angles; the force / mass of a tyre is k (below) times s */
-  tse_real target[4]; /* values that the LAG states follow: slip angles front, rear, slips front, rear */
+  tse_real target[4]; /* LAG states (effects.h) follow these: slip angles front, rear, slips front, rear */
   tse_real rate[4];   /* [1/s] rates of the LAG states, in the order of target; 0: this slip has no lag */
   stiffness k;
   /* sine and cosine of the steering angle. The plain model approximates them by the angle

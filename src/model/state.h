@@ -199,12 +199,15 @@ struct tse_params {
   tse_real least_step;      /* [s] min integration step (vehicle_steps()) */
   tse_real noise_max_var;   /* [1] max (estimated noise variance / variance in the settings): noise_max^2 */
   tse_real log2_forgetting; /* log2 of the forgetting factor of Lambda and nu */
-  tse_real log2_forgetting_mean;               /* log2 of the forgetting factor of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] forgetting factor of gamma: usual, min */
-  tse_real memory;                             /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
+  tse_real log2_forgetting_mean; /* log2 of forgetting_mean */
+  /* [1] forgetting_mean is the forgetting factor of gamma. While low-passed innovations
+   * are larger than those of white noise, the factor decreases, at most to
+   * forgetting_change (paper_forget()) */
+  tse_real forgetting_mean, forgetting_change;
+  tse_real memory;      /* [samples] memory of Lambda: 1/(1 - forgetting factor) */
   tse_real resample_at; /* [particles] N_eff at or below which particles are resampled */
-  /* particle filter: initial mu, lam (tse_particles), gamma, nu; initial variance of
-   * stiffness/nominal about its mean */
+  /* particle filter: mu0 .. nu0 are the initial mu, lam (tse_particles), gamma and nu.
+   * spread_var is the initial variance of stiffness/nominal about its mean */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;      /* [1] initial variance of the mean of stiffness/nominal */
@@ -214,8 +217,8 @@ struct tse_params {
   tse_real latency_span;   /* [s] max of latency_age; 0: no channel has a latency, so that no row waits */
   tse_real latency_least;  /* [s] min time between stored rows */
   tse_real latency_age[6]; /* [s] age of the processed value of each channel when the newest row arrives */
-  /* for the mean of stiffness/nominal that was learnt in an earlier drive: min variance
-   * [1], and growth rate of the variance between drives [1/day] */
+  /* variance of a mean of stiffness/nominal that was learnt in an earlier drive:
+   * learnt_floor is its min [1], learnt_walk its growth rate between drives [1/day] */
   tse_real learnt_floor;
   tse_real learnt_walk;
   /* particle filter: limits of w = stiffness/nominal - 1. Initial values are clipped to
@@ -297,11 +300,11 @@ typedef struct tse_velocity {
  * event. The amplitude is unknown, and is estimated from the innovations. */
 typedef struct tse_event {
   tse_short v[TSE_ALL]; /* error of the state per unit of the amplitude, in units of the state */
-  tse_real info;        /* [1] information (1/variance) on the amplitude, gained since the event was opened */
-  tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] of EVENT_ROAD_AXLE_DIFF: cross information with the amplitude of EVENT_ROAD */
-  tse_real age;         /* [s] time since the hypothesis was opened */
-  int32_t kind;         /* EVENT_... of src/filter/types.h; 0: unused, no event */
+  tse_real info;  /* [1] information (1/variance) on the amplitude, collected while the event is tracked */
+  tse_real score; /* [1] info times the estimate of the amplitude */
+  tse_real both;  /* [1] of EVENT_ROAD_AXLE_DIFF: cross information with the amplitude of EVENT_ROAD */
+  tse_real age;   /* [s] time for which the event has been tracked */
+  int32_t kind;   /* EVENT_... of src/filter/types.h; 0: unused, no event */
 } tse_event;
 
 /* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
@@ -374,18 +377,20 @@ typedef struct tse_kalman {
   tse_real
       nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
   tse_real lasting[TSE_SENSORS];     /* [SI] estimate of the non-white part of the innovation */
-  tse_real lasting_var[TSE_SENSORS]; /* variance of the estimate of `lasting` */
+  tse_real lasting_var[TSE_SENSORS]; /* variance of the error of `lasting` */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS];     /* [SI] innovation after a low pass, for tests of events */
   tse_real slow_var[TSE_SENSORS]; /* predicted variance of `slow` */
   tse_real usual[TSE_SENSORS];    /* [1] recent mean of slow^2 / slow_var */
   tse_real log_likelihood;
-  tse_real change_age;               /* [s] time since the last change of road or tyres (change_kind) */
-  tse_real change_from[4];           /* [1] states LCX, LCF, LCR, LMU (logarithms) before the last change */
-  tse_real change_from_var[4];       /* variances of change_from, in squared units of the state */
-  tse_along along, along_from;       /* prior of c (see tse_along): now, and before the last change */
-  tse_real reading[TSE_SENSORS + 1]; /* last readings of the sensors and of the steering angle */
-  tse_real repeats[TSE_SENSORS + 1]; /* [1] share of the readings that equal the previous reading */
+  tse_real change_age;         /* [s] time since the last change of road or tyres (change_kind) */
+  tse_real change_from[4];     /* [1] states LCX, LCF, LCR, LMU (logarithms) before the last change */
+  tse_real change_from_var[4]; /* variances of change_from, in squared units of the state */
+  /* along: prior of ln(longitudinal stiffness / nominal), see tse_along. along_from: the
+   * prior before the last change of road or tyres */
+  tse_along along, along_from;
+  tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
+  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the previous reading */
   tse_real repeats_again[TSE_SENSORS + 1]; /* [1] share of repeats among the readings that follow a repeat */
   /* [1] -log2 of the probability that a working channel repeats its reading as often as
    * this channel now has (watch_repeats()) */
@@ -455,9 +460,9 @@ struct tse_filter {
  * tse_filter_paper. */
 struct tse_filter_paper {
   tse_filter filter;
-  /* of (16) and (17). gamma: variance of the mean stiffness / variance of the stiffness
-   * about its mean; nu: degrees of freedom. Measurements do not change gamma and nu, and
-   * all particles share them */
+  /* gamma and nu of equations (16) and (17) of the paper. gamma: variance of the mean
+   * stiffness / variance of the stiffness about its mean; nu: degrees of freedom. All
+   * particles share gamma and nu */
   tse_real gamma, nu;
   tse_real bias_var
       [3]; /* [sigma^2] variances of the biases: diagonal of P of (18), (19), the same for all particles */
