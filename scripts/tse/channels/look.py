@@ -38,7 +38,8 @@ WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
 MAX_LOOK_TIME = 1500.0  # [s] Only this first part of a log is used to find the channels.
 # Some buses send the magnitude of a quantity as one signal, and its sign as a bit, which
 # is a second signal. The following limits are for the search for sign bits.
-MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign bit
+# min similarity, 0 .. 1 (difflib), of the names of a magnitude and its sign bit
+MIN_SIGN_ALIKE = 0.6
 MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
 # [1] Min share of rows in which a sign bit is 1 and the magnitude is above half its mean.
 # A sign bit has such rows in bends to one side. A flag for standstill also changes at
@@ -51,9 +52,9 @@ MAX_AT_ZERO = 0.2
 # A signal with more different values than this is a measured quantity, not a status.
 MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-# A signal possibly measures a role, i.e. a quantity such as yaw_rate, if its score for
-# this role is at least MIN_NAME_SCORE. The score is that of its name, at most 3
-# (vocabulary.py). wheels.py adds the scores of unit and physics.
+# Min score of a signal for a role, i.e. for a quantity such as yaw_rate. With less, the
+# signal is not taken for this quantity. The name of the signal scores at most 3
+# (vocabulary.py). wheels.py adds scores for its unit and for its agreement with physics.
 MIN_NAME_SCORE = 1.0
 MIN_PROOF_CORR = 0.9  # min correlation for a kinematic relation to count as proven
 
@@ -159,9 +160,9 @@ class Look:
     time : ndarray, (rows,)
         Times of the raster, s.
     x : dict of str to ndarray, (rows,)
-        Signals by name, low-passed.
+        Signals by name, smoothed by a moving mean (physics.smooth()).
     fine : dict of str to ndarray, (rows,)
-        Signals by name, without the low pass.
+        Signals by name, not smoothed.
     raw : dict of str to (ndarray, ndarray)
         Times and values of each signal before resampling, NaN if invalid.
     rate : dict of str to float
@@ -258,7 +259,7 @@ REST_NAME = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re
 TICK_NAME = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
 MAX_FLAG_VALUES = 8  # max number of different values of a flag
 MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for valid
-MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
+MIN_FLAG_ALIKE = 0.5  # min similarity, 0 .. 1 (difflib), of the names of a flag and its signal
 CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
 # [1] A signal is coarse if its quantisation step is at least this share of its largest
 # magnitude, or at least 0.5 in the unit of the signal. Only for coarse signals, a fine
@@ -336,9 +337,9 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
 def mark_no_value(value: np.ndarray) -> np.ndarray:
     """Return a mask of the rows in which a signal has a code for "not available".
 
-    The largest magnitude of the signal is taken as a code on two conditions. It exceeds
-    CODE_RATIO times the next smaller magnitude. And it appears in at least two rows, but
-    not in more than 10 % of all rows (1 - MIN_VALID_SHARE)."""
+    The largest magnitude of the signal is taken as a code on two conditions. First, it
+    exceeds CODE_RATIO times the next smaller magnitude. Second, it appears in at least
+    two rows, but not in more than 10 % of all rows (1 - MIN_VALID_SHARE)."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0

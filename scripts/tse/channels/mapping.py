@@ -17,7 +17,8 @@ from tse.log.rows import SIDES
 from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
-USUAL_MODULO = 16  # modulo of a message counter if it is neither stated nor found: 4 bits
+# modulo of a message counter (4 bits) if signals.toml states none and the log shows none
+USUAL_MODULO = 16
 # [1] max share of values that a flag marks as invalid; above it, an error is raised. Also
 # max share of entries in which a counter does not change; above it, the counter is not
 # used. Such a flag or counter was probably misinterpreted.

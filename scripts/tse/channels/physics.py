@@ -99,9 +99,9 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     """Fit the model of the steering angle to a log.
 
     At constant speed, understeer and steering ratio have the same effect on the angle, so
-    a log cannot determine both. The understeer therefore has a normal prior with the mean
-    UNDERSTEER and the sd UNDERSTEER_SD. `angle`: steering angle in any unit. `v`: [m/s]
-    speed. `r`: [rad/s] yaw rate.
+    a log at constant speed cannot determine both. The understeer therefore has a normal
+    prior with the mean UNDERSTEER and the sd UNDERSTEER_SD. `angle`: steering angle in
+    any unit. `v`: [m/s] speed. `r`: [rad/s] yaw rate.
 
     Returns
     -------
@@ -140,10 +140,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
     # Noise of the curvature biases the slope of the regression of angle on curvature
-    # towards 0. Noise of the angle biases the slope of the inverse regression away from
-    # 0. That slope is slope / share (share: explained share of the variance). Return the
-    # geometric mean of both slopes, as in fit(). The sd includes that of a uniform
-    # distribution of ln(slope) between both.
+    # towards 0. The regression of curvature on angle gives slope / share instead (share:
+    # explained share of the variance). Noise of the angle biases this value away from 0.
+    # Return the geometric mean of slope and slope / share, as in fit(). The sd includes
+    # that of a uniform distribution of ln(slope) between both values.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(

@@ -28,7 +28,8 @@ MIN_OWN_RATE = 5.0  # [Hz] a slower channel does not determine the rate of the r
 GAP_STEPS, MIN_GAP, MAX_GAP = 6.0, 0.25, 1.0
 # [median steps] Entries closer together than this were sent in a burst and are averaged.
 BURST_STEP = 0.25
-# [steps] Times are equidistant if none deviates from an even raster by more than this.
+# [median steps] Times are taken as equidistant if none deviates from an even raster by
+# more than this.
 EVEN_STEP = 0.01
 PASS_BAND = 0.45  # [1] cut-off frequency of the low pass / rate of the rows
 PASS_STEPS = 6  # [rows] half length of the kernel of the low pass
@@ -280,7 +281,9 @@ def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return a column with each entry in the row nearest to it, NaN in all other rows."""
+    """Return a column with each entry in the row nearest to it, NaN in all other rows.
+
+    An entry that is more than one median step of the rows away from it is dropped."""
     out = np.full(len(time), np.nan)
     if len(t) and len(time):
         at = (
@@ -335,9 +338,9 @@ def _make_times(
 
     The rows cover the interval in which all inputs of the model (steering angle and wheel
     speeds) are present. If there is no such interval, they cover all entries of the
-    channels in `core`. The rows coincide with the entries of one channel with the rate of
-    the rows, so that it need not be interpolated: the yaw rate, if it has this rate. If
-    no channel has this rate, the first row is at the start of the interval.
+    channels in `core`. If a channel has the rate of the rows, the rows coincide with its
+    entries, so that it need not be interpolated. If several channels have this rate,
+    yaw_rate is preferred. If none has it, the first row is at the start of the interval.
 
     `own`: channel -> its times [s] and values. `rates`: channel -> its rate [Hz]. `core`:
     channels for which is_core() is True."""

@@ -240,7 +240,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Return a speed over ground that is independent of the wheels, m/s.
 
-    The speed of a GNSS receiver is preferred. If the log has no speed, the speed is
+    The speed of a GNSS receiver is preferred. If the log has no speed over ground, it is
     computed from positions. Return None if the log has no positions either."""
     named = [
         n

@@ -49,9 +49,9 @@ LISTEN_TIME = 1.0
 # [s] If a needed channel is missing after LISTEN_TIME, the rows begin when this channel
 # has arrived. If it does not arrive, they begin without it after this time.
 MAX_LISTEN_TIME = 3.0
-# A row is returned when each channel has an entry after it. But it waits for a channel at
-# most for WAIT_STEPS median intervals between the channel's entries + WAIT_TIME [s] +
-# latency of the channel.
+# A row is returned when each channel has an entry after the row. But the row waits for a
+# channel at most for WAIT_STEPS median intervals between the channel's entries +
+# WAIT_TIME [s] + latency of the channel.
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02
 # A channel is silent if no entry has arrived for SILENT_STEPS median intervals between
 # its entries and for MIN_SILENCE [s]. Rows do not wait for a silent channel.

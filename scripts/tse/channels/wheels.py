@@ -232,11 +232,12 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # ---- Find yaw rate, accelerations and steering angle by name, unit and kinematics.
 
-# A role is a quantity that a signal may measure. Kinematics predict it from other
-# channels, e.g. accel_x from dv/dt. If the correlation [1] of signal and prediction is
-# above this value, the score of the signal for the role increases, below it decreases. It
-# is 0.75 for roles that are not listed, and lower for accel_x, since dv/dt is noisy and
-# the grade of the road adds to accel_x.
+# Role, i.e. quantity that a signal may measure -> neutral correlation [1]. Kinematics
+# predict the quantity from other channels, e.g. accel_x from dv/dt. If a signal and the
+# prediction have a higher correlation, the score of the signal for the role increases. If
+# they have a lower one, it decreases. Roles that are not listed have the neutral
+# correlation 0.75. That of accel_x is lower, since dv/dt is noisy and the grade of the
+# road adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
 MAX_PHYSICS_SCORE = 4.0  # max magnitude of the score by physics, see _score_by_physics()
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
@@ -256,9 +257,9 @@ def find_roles(
     v : ndarray or None, (rows,)
         Speed in any unit. None: unknown.
     before : mapping of str to str
-        Role -> name of its signal, as found by an earlier call: the signals with which
-        _score_by_physics() correlates other signals. Empty in the first call, which uses
-        the signals with the best names.
+        Role -> name of its signal, as found by the call before. _score_by_physics()
+        correlates all signals with these. Empty in the first call, which uses the signals
+        with the best names instead.
 
     Returns
     -------
@@ -301,7 +302,8 @@ def find_roles(
     pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best pair first; each signal gets at most one role
         # A matching unit is not sufficient. In addition, the name must describe the role
-        # (score 0.8 or more), or the signal must agree with other channels (2.5 or more).
+        # (score by name 0.8 or more), or the signal must agree with other channels (score
+        # by physics 2.5 or more).
         if (
             role not in found
             and n not in found.values()
@@ -385,11 +387,12 @@ def _find_pair(
     ref: Mapping[str, str],
 ) -> dict[str, str]:
     """Return the two signals, as yaw_rate and accel_y, that best fit a_y = v r. Return {}
-    if no pair has a correlation, with the corrections below, above MIN_PROOF_CORR.
+    if no pair has a score above MIN_PROOF_CORR.
 
-    If `ref` has one of the two signals, only the other is searched for. `taken`: names of
-    wheel speeds and quaternions, which are not tried. `said`: role -> name of a signal ->
-    score by name and unit."""
+    The score of a pair is the correlation of a_y and v r. Names and units that fit add at
+    most 0.08 to it. If `ref` has one of the two signals, only the other is searched
+    for. `taken`: names of wheel speeds and quaternions, which are not tried. `said`: role
+    -> name of a signal -> score by name and unit."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -398,9 +401,9 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # The candidate r for the yaw rate and the candidate a for the lateral
-        # acceleration fit if a = v r. If a correlates better with r than with v r, reduce
-        # the score: r and a may be swapped, or both may measure the same quantity.
+        # r: candidate for the yaw rate, a: candidate for the lateral acceleration. If a
+        # correlates better with r than with v r, reduce the score of the pair: r and a
+        # may be swapped, or both may measure the same quantity.
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}

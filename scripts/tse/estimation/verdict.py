@@ -52,7 +52,7 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# Reasons that exclude the Verdict.level "good" if the last row of the whole log has one
+# If the last row of a whole log has one of these reasons, Verdict.level is not "good"
 AT_FAULT = ("sensor fault", "implausible")
 # If a stiffness is not valid for one of these reasons, the text of the verdict states its
 # sd, and the limit that the sd exceeds
@@ -65,7 +65,7 @@ MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
 # A remark names a channel if the estimated sd of its noise is more than NOISY times the
 # sd in the settings
 NOISY = 1.25
-# Entries of the reason columns of EST.csv in rows in which the filter does not check
+# Reasons (columns *_reason of EST.csv) of the rows in which the filter does not check
 # whether the channels agree
 STILL = ("starting", "held", "input invalid", "row refused")
 # [s] If the channels first contradict each other after more than this driving time, a
@@ -87,8 +87,8 @@ UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
 # Max plausible |lag_steer - prior mean| / prior sd (steer_lag_sd). lag_steer is the
 # estimated time from the logged steering angle to its effect in the IMU, after correction
-# by the latencies of the vehicle file. Beyond the max, these latencies are not those of
-# the log: its logger or signal is a different one.
+# by the latencies of the vehicle file. Beyond the max, these latencies do not apply to
+# the log, probably because it has a different logger or steering signal.
 UNLIKELY = 3.0
 # A stiffness counts as valid on a log or stretch if at least this share of its rows is
 # valid
@@ -111,9 +111,9 @@ class Verdict:
     # filters and for too few valid rows (_make_verdict())
     value: float
     band: float  # half of the 95 % interval
-    # sd of the process noise of the stiffness in one sample / `value`, estimated only by
-    # particle filters. NaN if less than half of the valid rows have an estimate, or if
-    # the share of valid rows is below MIN_VALID
+    # Sd of the random change of the stiffness from sample to sample, divided by `value`.
+    # Only particle filters estimate it. NaN if less than half of the valid rows have an
+    # estimate, or if the share of valid rows is below MIN_VALID
     spread: float
     nominal: float  # value in the vehicle file
     valid: float  # share of the rows that are valid
@@ -269,8 +269,9 @@ def describe_implausible(table: pd.DataFrame) -> str:
 
     They do if more than the share MIN_IMPLAUSIBLE of the driven rows (rows without a
     reason of STILL) is implausible, and the last driven row is implausible, too: a wrong
-    unit, sign or axle persists to the end. The filter needs some bends, accelerations and
-    decelerations before it marks rows as implausible (src/filter/plausible.c).
+    unit, sign or axle persists to the end. Not all driven rows are implausible even then,
+    because the filter needs some bends, accelerations and decelerations before it marks
+    rows (src/filter/plausible.c).
 
     Exception: a channel failed during the drive. This is assumed if the first implausible
     row comes after the driving time AGREED, the channel is not a wheel speed, and the

@@ -45,7 +45,7 @@ class CatalogueParameter:
 
     A strength is a parameter that states the size of an effect. If all strengths are 0,
     the effect is off. A shape is any other parameter of an effect, such as a time
-    constant. It has no influence while the effect is off.
+    constant. While the effect is off, its shapes have no influence.
     """
 
     # name of the setting that holds the parameter, or key (class Own) of a value of a
@@ -88,8 +88,8 @@ class CatalogueParameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of the catalogue (top of this file), and the parameters of the
-    effect."""
+    """One effect of the catalogue: a property of the car, a sensor or the road that the
+    simulation can include, such as roll steer."""
 
     id: str
     title: str

@@ -96,9 +96,9 @@ def fit_parameters(
 def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the integrated autocorrelation time of each channel's residuals.
 
-    A residual is the mean over a block, the rows of BLOCK_TIME. The autocorrelation time
-    is counted in blocks: it is the number of consecutive, correlated residuals that
-    together have the information of one independent residual. It is at least 1.
+    The autocorrelation time is the number of consecutive, correlated residuals that
+    together have the information of one independent residual. It is at least 1. Each
+    residual is a mean over BLOCK_TIME.
     """
     found = {}
     for channel, _ in problem.used():
@@ -132,8 +132,9 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
     sensor noise; 0 if the difference is negative.
 
     The difference is the gap: the error that the model leaves. The expected square of a
-    residual is 1, because residuals are divided by the noise sd of their channel. It is
-    less than 1 if this sd was raised to a lower limit (Problem.noise_energy).
+    residual that is only noise is 1, because residuals are divided by the noise sd of
+    their channel. The expected square is less than 1 (Problem.noise_energy) if the
+    estimated sd was below a lower limit and the limit is used instead.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))

@@ -51,8 +51,8 @@ class Detectable:
 def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
     """Return the smallest visible size of each effect.
 
-    If an effect has several strengths, the size is given for only one of them. It is the
-    strength with the smallest ratio (smallest visible size / typical size).
+    An effect may have several parameters that state its size (strengths). The result is
+    then for the strength with the smallest ratio (smallest visible size / typical size).
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]

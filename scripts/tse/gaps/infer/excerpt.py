@@ -82,9 +82,9 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
     """Return the indices of the most informative pieces, in the order of their choice.
 
     `information` and `seconds` have the information matrix and the length of each piece.
-    Pieces are added until their total length reaches `limit`. The sum of the information
-    matrices starts with that of the prior. It is the identity matrix, because parameters
-    are in units of their prior sds.
+    Pieces are added until their total length [s] reaches `limit`. The sum of the
+    information matrices includes that of the prior, which is the identity matrix, because
+    parameters are in units of their prior sds.
     """
     total = np.eye(len(information[0])) if information else np.zeros((0, 0))
     left, chosen, length = list(range(len(information))), [], 0.0

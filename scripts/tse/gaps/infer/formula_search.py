@@ -41,8 +41,9 @@ from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
 # [nat] Price of each operation and of each number of a formula, subtracted from its gain.
-# Among n formulas that only fit noise, the best one gains about ln n. Here n = forms *
-# places * start values, and ln n is about 12: the price of six operations and numbers.
+# Among n formulas that only fit noise, the best one gains about ln n. n is the number of
+# forms, times places of the model, times start values of the numbers. Here ln n is about
+# 12: the price of six operations and numbers.
 PRICE = 2.0
 FITTED = 6  # max number of candidates, i.e. of formulas that are simulated
 PER_PLACE = 3  # max number of candidates that add to the same quantity of the model
@@ -107,7 +108,9 @@ class Frame:
     balanced: Problem
     last: Fit  # the fit without a formula
     values: dict[str, float]  # fitted values of the parameters in `last`
-    length: dict[str, float]  # result of compute_correlation_lengths()
+    # channel -> number of consecutive residuals that together have the information of one
+    # independent residual (compute_correlation_lengths())
+    length: dict[str, float]
     # for each log: name of a signal -> its simulated values (compute_signals())
     at: list[dict[str, np.ndarray]]
     # gap without a formula: sum of squared residuals minus the sum expected from sensor
@@ -249,8 +252,8 @@ def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm
 def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
     """Return for each form: (expected gain [nat], coefficient), in the linearised model.
 
-    `logs` has one array for each log: the values of the forms in the blocks of 40 ms,
-    with the shape (blocks, forms).
+    `logs` has one array for each log, with the shape (blocks, forms): the values of the
+    forms in each block, i.e. in each interval of 40 ms over which signals are averaged.
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))

@@ -87,7 +87,7 @@ STEER_RATE = Signal("rate(steer_angle)", "rad/s", (0.02, 0.1, 0.4))
 SPEED = Signal("vel_x", "m/s", (9.0, 16.0, 24.0))
 PULL = Signal("accel_x", "m/s2", (0.7, 1.5, 3.5))
 TURNING = (STEER, YAW, SIDE, FRONT, REAR, STEER_RATE)
-PLAYS = (0.001, 0.003, 0.01)  # [rad] start values of half of the steering play
+PLAYS = (0.001, 0.003, 0.01)  # [rad] start values of the half width of the steering play
 
 
 def format_unit(exponents: tuple[int, int]) -> str:
@@ -329,8 +329,9 @@ def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.
 
     `signals` has the signals under their names in formulas. `dt` is the time step [s].
     """
-    # The place does not influence the values. It sets the unit of k: that of the place
-    # divided by that of the form. front_angle is in rad, so k has 1 / (unit of the form).
+    # A Formula needs a place, and k must have the unit (unit of the place) / (unit of the
+    # form). The values are the same for every place. Here the place is front_angle. It is
+    # in rad, so the unit of k is 1 / (unit of the form).
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

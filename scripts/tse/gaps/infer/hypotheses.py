@@ -65,8 +65,9 @@ UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
     "yaw_inertia_sd": "yaw_inertia_change",
     "roll_steer_sd": "rear_roll_steer_gain",
 }
-# prior sd of a strength of an effect, in units of its typical size. It is not used for
-# the strength that is largest in these units (Hypothesis.compute_ln_prior()).
+# An effect may have several strengths, i.e. parameters that state its size. OTHER_SD is
+# the prior sd of each strength, in units of its typical size. Only the strength that is
+# largest in these units has a different prior (Hypothesis.compute_ln_prior()).
 OTHER_SD = 1.0
 
 
@@ -124,7 +125,8 @@ class Hypothesis:
         If the vehicle file states an sd for the effect, all strengths have the normal
         priors of fit_prior(). Otherwise, the strength that is largest relative to its
         typical size has the prior of compute_ln_size_prior(). The others have normal
-        priors with the sd OTHER_SD times their typical size.
+        priors with the sd OTHER_SD times their typical size. Every strength is the
+        largest with the same prior probability.
         """
         strengths = self.effect.strengths
         if strengths[0].prior:

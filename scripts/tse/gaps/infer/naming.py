@@ -309,7 +309,8 @@ def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[st
 
 def compute_relevance(judged: Judged, h: Hypothesis) -> float:
     """Return the probability that at least one strength of an effect exceeds its
-    negligible size, given that the effect is in the set.
+    negligible size, given that the effect is in the set. The strengths are treated as
+    independent.
     """
     little, sd = 1.0, judged.compute_sd()
     for p in h.effect.strengths:

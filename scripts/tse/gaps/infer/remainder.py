@@ -91,8 +91,8 @@ def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
 def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
     """Return the residual with single outliers replaced by the mean of their neighbours.
 
-    An outlier in a single block of 40 ms is an error of the sensor: motions of the car
-    last longer.
+    A residual is a mean over 40 ms. Motions of the car last longer, so an outlier of a
+    single residual is an error of the sensor.
     """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
@@ -111,8 +111,9 @@ def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
 def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
     """Return the residual minus its slowly changing bias.
 
-    A smoother estimates the bias, modelled as a random walk with the sd `step` per block
-    in white noise of variance 1.
+    A smoother estimates the bias. The residual is modelled as the bias plus white noise
+    of variance 1, and the bias as a random walk. `step`: sd of the change of the bias
+    from one residual to the next.
     """
     if step <= 0:
         return e

@@ -48,9 +48,10 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# Min share of the gap (top of this file) that all named effects together must close. If
-# they close less, none is named. Checked only if a formula is searched for: the user asks
-# for one, or the named effects leave residuals above the sensor noise.
+# Min share of the gap (sum of squared residuals above the sensor noise) that all named
+# effects together must close. If they close less, none is named. This is checked only if
+# a formula is searched for, because the user asks for one, or because the named effects
+# leave residuals above the sensor noise.
 MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
 # Reason that the user reads if an effect that the search has named is not named in the
@@ -64,8 +65,8 @@ class World:
 
     naming: Naming
     discovery: Discovery | None
-    # [nat] penalty for the complexity of the named effects and of the formula. It is
-    # subtracted from ln likelihood (top of this file).
+    # [nat] penalty for the complexity of the named effects and of the formula. The ln
+    # probability of the world is ln likelihood - price, up to a constant.
     price: float
     # residuals of the fitted logs, and of the held-out logs if there are any
     residuals: list[np.ndarray]
