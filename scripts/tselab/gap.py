@@ -76,7 +76,7 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # in --help, the options have the reverse order
+    ):  # --help lists first the option that is added last
         command = take(command)
     return command
 

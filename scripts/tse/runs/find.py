@@ -24,7 +24,8 @@ AMBIGUOUS_SUFFIXES = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - AMBIGUOUS_SUFFIXES
 # ends of the names of files that `tselab estimate` writes; these files are not logs
 RESULTS = (".est.csv", ".est.parquet")
-MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles
+MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles (option --vehicles)
+# columns of a table of vehicles; only log and vehicle are required
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
 OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")  # ends of the names of logs of openpilot
 # date in the name of a file, and the time of day after it if there is one
@@ -53,8 +54,8 @@ def find_drives(
     """Return all logs, sorted by car and by the time of the drive.
 
     `words`: files, folders and glob patterns. `table`: CSV with the vehicle file and the
-    car of each log; `vehicle` and `car` are then not used. If `table` is None, all logs
-    have the vehicle file `vehicle`, and belong to the car named `car`. If `table` and
+    car of each log. If it is given, `vehicle` and `car` are not used. If it is None, all
+    logs have the vehicle file `vehicle` and belong to the car named `car`. If `table` and
     `car` are None, each folder has the logs of one car, which is named after the folder.
     `out`: folder of the results, which is not searched for logs."""
     logs = _find_logs(words, out, table)
@@ -98,6 +99,7 @@ def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tupl
 
 
 def _is_bag(path: Path) -> bool:
+    """Return whether a path is a ROS 2 bag: a log that is a folder of several files."""
     return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
@@ -128,7 +130,8 @@ def _assign_by_folder(
 
 
 def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
-    """Return the shortest end of a path that distinguishes it from the paths `others`."""
+    """Return the shortest end of the path `folder` that no other path in `others` has.
+    `others` contains `folder`, too."""
     for parts in range(1, len(folder.parts) + 1):
         name = "/".join(folder.parts[-parts:])
         if sum("/".join(o.parts[-parts:]) == name for o in others) == 1:
@@ -251,7 +254,7 @@ def _read_name_date(path: Path) -> float | None:
 def _read_log_start(path: Path) -> float | None:
     """Return the start time in the header of a log [s since 1970]. Formats with a start
     time are MDF 4, MDF 3, BLF and MCAP. None: the log has a different format, is a
-    folder, or is an MCAP file without a readable summary."""
+    folder (ROS 2 bag), or is an MCAP file without a readable summary."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:

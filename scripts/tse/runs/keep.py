@@ -32,8 +32,9 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 # if there are at least this many other logs
 MIN_LOGS = 3
 # Max ratio: stiffness in a log / median of this stiffness in the other logs of the car.
-# Smaller ratios are normal even on dry asphalt, because warm tyres are softer. There is a
-# warning if ln(ratio) exceeds ln(1.3) by more than 2 sd of ln(stiffness in the log)
+# Smaller ratios are normal even if all logs are on dry asphalt, because a tyre is stiffer
+# when it is cold. There is a warning if ln(ratio) exceeds ln(MAX_STIFFNESS_RATIO) by more
+# than 2 sd of ln(stiffness in the log)
 MAX_STIFFNESS_RATIO = 1.3
 # Columns of the table fleet.parquet, and their types. The columns of
 # results.ESTIMATE_COLUMNS describe the estimate, the other columns describe the drive
@@ -176,10 +177,10 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     logs of its car.
 
     For each stiffness, the largest ratio to nominal in a log is compared with the median
-    of this ratio over the other logs. Usually most of these are on dry asphalt, where the
-    stiffness is largest. A ratio much above the median then means that car, load or tyres
-    differ. The warning is wrong if most of the other logs are on snow, for example. A
-    ratio below the median gives no warning, because a wet road explains it."""
+    of this ratio over the other logs. Usually most of the other logs are on dry asphalt,
+    where the stiffness is largest. A ratio much above the median then means that car,
+    load or tyres differ. The warning is wrong if, for example, most of the other logs are
+    on snow. A ratio below the median gives no warning, because a wet road explains it."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -204,8 +205,9 @@ def compute_key(task: Task) -> str:
     """Return a digest of everything that the outcome of a log depends on. It is stored
     with the outcome. If a later call finds a different digest, the log runs again.
 
-    Of log, signals.toml and databases, the digest uses size and modification time instead
-    of the content, because reading a log would take as long as estimating it."""
+    Of the log, its signals.toml and its CAN databases, the digest uses size and
+    modification time instead of the content, because reading a log would take as long as
+    estimating it."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [f for log, signals in task.others for f in _list_inputs(log, replace(reading, signals=signals))]
@@ -234,7 +236,7 @@ def compute_key(task: Task) -> str:
 
 def _list_inputs(log: Path, reading: Reading) -> list[Path]:
     """Return the files that determine the rows of a log: the files of the log itself, its
-    signals.toml, and the databases of its bus. Databases are those that an option or
+    signals.toml, and its CAN databases. The databases are those that an option or
     signals.toml names or, if neither names any, those in the folder of the log."""
     found = [*list_log_files(log), *reading.files(log)]
     with contextlib.suppress(UserError, OSError):  # a wrong file is reported by the run

@@ -145,7 +145,7 @@ def assemble_run(
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # missing noise sds stay missing: this filter estimates them
+        average_sensors(vehicle, lively)  # missing noise sds stay missing: the default filter estimates them
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)

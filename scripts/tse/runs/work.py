@@ -33,7 +33,7 @@ class Task:
 
     log: Path
     vehicle: Path
-    signals: Path | None
+    signals: Path | None  # file that assigns the signals of `log` to channels; None: as in `others`
     rate: float | None
     strict: bool
     databases: tuple[Path, ...]
@@ -46,8 +46,8 @@ class Task:
     report: bool  # whether a report (HTML page) is written
     estimates: Path | None  # file for the estimates of every row; None: they are not written
     calibrate: bool  # whether an uncalibrated car is calibrated on this log and on `others`
-    # further logs of the car, each with the file that assigns its signals to channels;
-    # None: the log has no such file
+    # further logs of the car, each with the file that assigns its signals to channels.
+    # None: the file signals.toml in the folder of the log, if there is one
     others: tuple[tuple[Path, Path | None], ...]
     code: tuple[str, str]  # read_code_version() in the process that sends the task to the worker
 

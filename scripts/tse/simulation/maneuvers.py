@@ -138,7 +138,8 @@ def _make_stop_and_go(
     """Make cycles of 20 s: accelerate to 12 m/s in 6 s, hold this speed for 4 s, brake to
     standstill in 5 s, rest for 5 s.
 
-    From 5 to 11 s of each cycle the car drives a bend, alternately left and right."""
+    From 5 to 11 s of each cycle the car drives a bend: to the left in the first cycle, to
+    the right in the second, and so on."""
     cycle = t % 20.0
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])

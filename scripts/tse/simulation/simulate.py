@@ -23,7 +23,8 @@ POSITIONS = {  # kind of coordinates -> (column of a log -> column of a road)
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
     "local": {"ref_east": "x", "ref_north": "y"},
 }
-# inputs of the simulator that a Maneuver has under the same name
+# inputs of the simulator that are copied from members of Maneuver with the same names;
+# all but the first are also columns of TRUTH.csv
 HISTORIES = (
     "steer_angle",
     "wheel_torque_front",

@@ -351,7 +351,8 @@ class LiveDrive:
         else:
             self._bus = Bus(Path("the bus"), self.databases, ReadOptions())
         if learnt is not None:
-            # raises before the drive begins if the state is damaged or of another vehicle
+            # load() raises UserError if the state is damaged or of another vehicle. It is
+            # called here, so that this error comes before the drive begins
             learnt.load(NativeFilter(config))
         self.filter: NativeFilter | None = None
         self._valid = dict.fromkeys(STIFFNESS, 0)  # number of rows in which each stiffness was valid
@@ -370,8 +371,9 @@ class LiveDrive:
         # rows that are not written yet: times, columns, outputs
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
         self._written = 0  # number of written rows
-        self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
-        # every `_stride`-th written row, in blocks, with the columns listed in SUMMARY
+        # the last written rows: for each call of _write() a dict of columns
+        self._columns: deque[dict[str, np.ndarray]] = deque()
+        # every `_stride`-th written row: dicts of the columns that are listed in SUMMARY
         self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
@@ -755,7 +757,7 @@ class LiveDrive:
         """Check whether the channels contradict each other, by the same method as for a
         log, and report contradictions.
 
-        `columns`: the last written rows, in blocks."""
+        `columns`: the last written rows, in several dicts of columns."""
         try:
             data = {n: np.concatenate([c[n] for c in columns]) for n in columns[0]}
             time_ = data.pop("time")
@@ -905,6 +907,7 @@ def _format_cell(x: float) -> str:
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
     """Return a hint to append to a message: the signal that fits a missing channel best
     by name and unit, and why it was not proposed; or that no signal fits. The channel is
-    the first in `missing` for which `proposal` has a hint. Return "" if there is none."""
+    the first in `missing` for which `proposal` has a hint. Return "" if there is no such
+    channel."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (most similar signal: {said[0]})" if said else ""

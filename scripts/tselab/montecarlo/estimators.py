@@ -82,7 +82,8 @@ def configure_estimator(
     """Return the settings of an estimator, merged in this order (a later value
     overrides an earlier one):
     1. INITIAL_SETTINGS, which all cases of all studies have,
-    2. settings of the estimator's form: that in FORM_OF_ESTIMATOR, else `form`,
+    2. settings of a form: that of the estimator in FORM_OF_ESTIMATOR or, if the estimator
+       is not listed there, `form`,
     3. settings of the user, `settings`,
     4. settings of the case, `about`,
     5. settings that the name of the estimator gives (get_overrides())."""

@@ -10,11 +10,10 @@ eps is white noise. eps_k affects the measurement of row k and the motion to row
 
 where y_k are the measurements, e_k is their white noise, h is observe() and f is move().
 Because eps_k is in both equations, process noise and measurement noise are correlated.
-With eps_k in the state, P contains this correlation.
+With eps_k in the state, the covariance P of the state contains this correlation.
 
-src/EQUATIONS.md has the equations with the numbers that are used here. Equations (1) to
-(4) are implemented here in numpy, independently of the C library. Their derivatives are
-computed by complex steps.
+Equation numbers are those of src/EQUATIONS.md. Equations (1) to (4) are implemented here
+in numpy, independently of the C library. Their derivatives are computed by complex steps.
 """
 
 from dataclasses import dataclass

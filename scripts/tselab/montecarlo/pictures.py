@@ -181,8 +181,8 @@ def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
 
 def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
     """Draw a histogram over the runs. The value of a run is the mean error of the front
-    cornering stiffness in the first window. Also draw the normal distribution with the
-    same mean and sd as these values.
+    cornering stiffness in the first window of the case (Case.windows). Also draw the
+    normal distribution with the same mean and sd as these values.
 
     `x`: the value of each run, in percent."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)

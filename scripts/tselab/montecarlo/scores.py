@@ -257,7 +257,7 @@ def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    # An estimator may flag the first 2 `memory` rows as not valid, with the reason
+    # An estimator may flag the first 2 * memory rows as not valid, with the reason
     # "starting". So these rows are not scored
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started

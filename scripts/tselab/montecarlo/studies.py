@@ -278,7 +278,8 @@ def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[
 
 
 def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """Remove the values of a channel in four intervals, with the durations LENGTHS."""
+    """Remove the values of a channel in four intervals, with the durations LENGTHS.
+    Return True (unusable) for the rows in these intervals."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = np.nan
@@ -288,7 +289,8 @@ def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, c
 
 def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
     """Freeze a channel in four intervals, with the durations LENGTHS: in each interval it
-    repeats the last value before the interval."""
+    repeats the last value before the interval. Return True (unusable) for the rows in
+    these intervals."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = rows[channel][a - 1]
@@ -301,8 +303,8 @@ def add_outliers(
 ) -> np.ndarray:
     """Add outliers to the samples of accel_x, accel_y and yaw_rate, each with the
     probability `share`. The size of an outlier is `sigmas` times the default noise sd
-    of the sensor, its sign is random. Errors of an estimator are scored also in rows
-    with outliers, so False is returned for every row."""
+    of the sensor, its sign is random. Return False (usable) for every row, because the
+    errors of an estimator are scored also in rows with outliers."""
     default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
@@ -521,8 +523,8 @@ def _make_stress_cases() -> tuple[Case, ...]:
     )
 
 
-# [s] slow change of the road surface: its duration, its start, and the time from its end
-# to the end of the drive
+# [s] slow change of the road surface. SLOW: its duration. SLOW_START: its start.
+# SLOW_AFTER: time from its end to the end of the drive
 SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0
 
 
@@ -556,7 +558,7 @@ def _make_regime_cases() -> tuple[Case, ...]:
     )
 
 
-TEN_MINUTES = 600.0  # [s] duration of the drive
+TEN_MINUTES = 600.0  # [s] duration of each drive of the study "false-alarms"
 
 
 def _make_false_alarm_cases() -> tuple[Case, ...]:
