@@ -283,7 +283,7 @@ def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
 def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return a column with each entry in the row nearest to it, NaN in all other rows.
 
-    An entry that is more than one median step of the rows away from it is dropped."""
+    Entries more than one median step of the rows from their nearest row are dropped."""
     out = np.full(len(time), np.nan)
     if len(t) and len(time):
         at = (

@@ -68,7 +68,8 @@ LOW_PASS_RATIO = 1.2
 # pass needs entries after the row
 LOW_PASS_ROWS = 2.0
 MAX_STEP_BACK = 0.5  # [s] a larger backward step of time stamps means that the clock was set
-# max number of rows that one call of make_rows() returns: the newest; older ones are lost
+# One call of make_rows() returns at most this number of rows. If there are more, the
+# oldest are dropped.
 MAX_NEW_ROWS = 1000
 
 
@@ -251,7 +252,6 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                # time of the first needed frame
                 self._first = time if math.isnan(self._first) else self._first
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)

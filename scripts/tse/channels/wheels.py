@@ -425,8 +425,8 @@ AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-# [m/s2] If a signal is the brake, the mean of dv/dt in rows with the brake on is lower
-# than in rows with the brake off, by at least this much. Otherwise, it is rejected.
+# [m/s2] A signal is accepted as the brake only if the mean of dv/dt in rows with the
+# brake on is lower than in rows with the brake off, by at least this much.
 MIN_BRAKING_LOSS = 0.7
 # [1] The car is taken to brake if the brake pressure or pedal position exceeds
 # PEDAL_SHARE x the PEDAL_QUANTILE quantile of its values.

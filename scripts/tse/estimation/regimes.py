@@ -24,7 +24,8 @@ REGIMES = {
     "p_sliding": "sliding",
     "p_restarted": "started over",
 }
-# Meaning of the values of the column change_kind. 0 means that nothing has changed yet.
+# Meaning of the values of the column change_kind. 0 means that nothing has changed yet, 4
+# that the filter was reset to the prior or to the learnt state.
 KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}
 # change_kind -> stiffnesses that a change of this kind affects. For each of them, the
 # ratio (value after / value before) is reported.
