@@ -382,7 +382,6 @@ class LiveDrive:
         self._said_once: set[str] = set()
         self._silent: dict[str, float] = {}
         self._happened: list[tuple[str, float]] = []
-        self._ongoing: dict[str, float] = {}
         self._last_frame = time.monotonic()
         self._first_frame = float("inf")
         self._quiet = self._foreign = False
