@@ -55,7 +55,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[VY] = r_mul(c->lr, r) - r_mul(r_max(r_abs(v), TSE_R(1)), x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
   /* clang-format off */
-  const tse_real sd[] = { /* in the order of the states; TSE_SMALL has only those before PHI */
+  const tse_real sd[] = { /* in the order of the states; a TSE_SMALL build has no states from PHI on */
     TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX, because of slip */
     TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                                  /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), /* YAW */

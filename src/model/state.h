@@ -340,8 +340,8 @@ typedef struct tse_agreement {
   tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steer_angle */
   tse_real lags;              /* [m2/s4] across.square times the max lag of accel_y by tyres and lever arm */
   tse_real complete_for;      /* [s] time since the last row without accel_y, yaw_rate or steer_angle */
-  /* bit i < TSE_PAIRS: the quantities of pair i disagree. The three bits above: accel_y,
-   * yaw_rate, steer_angle is late */
+  /* bits 0 .. TSE_PAIRS - 1: the two quantities of this pair disagree. The next three bits:
+   * accel_y is late; yaw_rate is late; steer_angle is late */
   int32_t apart;
   int32_t off_scale; /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;

@@ -37,7 +37,7 @@ typedef struct common {
   tse_real gain[3];           /* K (P + R)^1/2, (19): bias correction per whitened y - h - d w - b */
   tse_real max_bias[3];       /* [sd of the sensor noise] max magnitude of a bias */
   tse_real nut;               /* nu - d_w + 1 = nu - 2 of (22): degrees of freedom */
-  tse_real a;                 /* factor a of (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu */
+  tse_real a;                 /* (1 + gamma) nu/nut: a times lam = Lambda/nu is the scale matrix of (22) */
   tse_real r;                 /* (nut - 2)/nut of (22): scale of the whitened noise */
   tse_real half_dof, inv_nut; /* (nut + d_y)/2 and 1/nut */
 } common;

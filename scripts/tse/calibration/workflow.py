@@ -283,8 +283,8 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
         found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
     # The filter needs the prior sd of the total delay from the logged steering angle to
-    # the wheels. The delay is steering_lag_time - steer_angle_latency, since a negative
-    # latency means that the angle is logged before the wheels turn.
+    # the wheels, steering_lag_time - steer_angle_latency. The latency is subtracted: the
+    # later the angle is logged, the less time is left until the wheels have turned.
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign

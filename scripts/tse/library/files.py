@@ -1,4 +1,5 @@
-"""Write files completely or not at all; write and read sealed files; read TOML."""
+"""Write files completely or not at all; write and read sealed files, i.e. files with a
+keyed digest, which shows a change by somebody else; read TOML."""
 
 import contextlib
 import errno

@@ -134,8 +134,9 @@ def _find_hold(x: np.ndarray, scale: float) -> int:
 
     If each sample is held (or interpolated) over k rows, the share 1 - 1/k of the first
     (or second) differences of x is 0. k follows from the larger one of both shares.
-    Differences below 0.001 `scale` count as 0. `scale`: sd of the change from row to row
-    for inputs of the model (DRIVES), else the result of _measure_scale()."""
+    Differences below 0.001 `scale` count as 0. `scale`: size of the variation of x. If x
+    is an input of the model (DRIVES), it is the sd of the change of x from row to row,
+    otherwise the result of _measure_scale()."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
@@ -201,7 +202,8 @@ def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
 def _compute_quiet_sd(x: np.ndarray) -> float:
     """Return (quantile QUIET_QUANTILE of |x|) / NORMAL_QUIET.
 
-    This is the sd of x, if x is normally distributed with mean 0 in quiet driving."""
+    This is about the sd of x in quiet driving: large values of x in the other rows hardly
+    change a low quantile."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 

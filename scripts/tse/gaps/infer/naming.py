@@ -394,9 +394,9 @@ def _make_named(
     """Return an effect as a named effect, with its evidence and the shares of the gap
     that it closes.
 
-    `h` is the effect. `plain` is the fit of the named effects only, and `last` is `plain`
-    converted to a Fit. In the fit `final`, the effects without a name are not 0, but have
-    a narrow prior about 0. `full` is the gap of the car without effects.
+    `h` is the effect. `plain` is the fitted set of the named effects only, and `last` is
+    the same fit with its residuals. In the fit `final`, the effects that are not named are
+    not 0, but have a narrow prior about 0. `full` is the gap of the car without effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
@@ -420,8 +420,8 @@ def _make_sized_name(
     """Return a named effect with size, interval, probability and look-alikes.
 
     The size comes from `judged`, the fit of the named effects only. The width of the
-    interval comes from the fit `rough`, in which the effects without a name are not 0,
-    but have a narrow prior about 0. If `rough` is None, the width comes from `judged`.
+    interval comes from the fit `rough`, in which the effects that are not named are not
+    0, but have a narrow prior about 0. If `rough` is None, the width comes from `judged`.
     """
     sd = (rough or judged).compute_sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
