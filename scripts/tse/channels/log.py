@@ -576,9 +576,11 @@ def _join_slow_channels(
 
     The rows are the common times to which all channels are resampled. Interpolation
     smooths the noise of a slow channel, so the noise is estimated from the logged values.
-    If the channels of both wheels of an axle are slower than the rows, the mean of the two
-    wheel speeds is returned under the name of the channel of the axle. `native`: channel -> (times [s], values, rate [Hz]), as logged.
-    `rate`: [Hz] rate of the rows."""
+    If the channels of both wheels of an axle are slower than the rows, the mean of the
+    two wheel speeds is returned under the name of the channel of the axle.
+
+    `native`: channel -> (times [s], values, rate [Hz]), as logged. `rate`: [Hz] rate of
+    the rows."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):

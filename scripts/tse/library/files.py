@@ -1,5 +1,5 @@
-"""Write files completely or not at all; write and read sealed files, i.e. files with a
-keyed digest, which shows a change by somebody else; read TOML."""
+"""Write files completely or not at all; write and read sealed files, which have a keyed
+digest, so that changes by others are found; read TOML."""
 
 import contextlib
 import errno

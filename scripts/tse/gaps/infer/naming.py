@@ -395,8 +395,9 @@ def _make_named(
     that it closes.
 
     `h` is the effect. `plain` is the fitted set of the named effects only, and `last` is
-    the same fit with its residuals. In the fit `final`, the effects that are not named are
-    not 0, but have a narrow prior about 0. `full` is the gap of the car without effects.
+    the same fit with its residuals. In the fit `final`, the effects that are not named
+    are not 0, but have a narrow prior about 0. `full` is the gap of the car without
+    effects.
     """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)

@@ -69,9 +69,9 @@ class Entry:
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Return the signals whose high or low values can be a condition under which a
-    residual is large (Condition). The result is a dict: name -> array of block means, with
-    one element for each element of the residual vector. The signals come from inputs and
-    simulation.
+    residual is large (Condition). The result is a dict: name -> array of block means,
+    with one element for each element of the residual vector. The signals come from inputs
+    and simulation.
 
     No measurement is used as a signal. A residual contains the noise of its measurement,
     so the two would be correlated even if the model were perfect.
