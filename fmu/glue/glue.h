@@ -126,15 +126,15 @@ const fmu_variable *glue_find_variable(const instance *s, uint32_t vr);
 int32_t glue_count_elements(const instance *s, uint32_t vr);
 
 /* Check the arguments of a get or set function: each value reference belongs to a
- * variable of this kind, and `count` is the number of values of all these variables.
+ * variable of kind `kind`, and `count` is the number of values of all these variables.
  *   Given:  kind  fmu_variable.kind; 0: no variable has the FMI type of the function, so
  *                 the check fails for every value reference
  *           type  name of the FMI type, for messages */
 int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function);
 
-/* Return GLUE_OK if a call without variables passes no values: if `count` is 0. Otherwise
- * log an error and return GLUE_ERROR. */
+/* Check a get or set call that passes no value references: its number of values `count`
+ * must be 0. Return GLUE_OK; otherwise log an error and return GLUE_ERROR. */
 glue_status glue_check_empty(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */

@@ -20,15 +20,15 @@
  *    16  u32       degrees of freedom nu of the process covariance; paper's filter only
  *    20  q24 x 11  means: biases of accel_x and accel_y [m/s2] and of yaw_rate [rad/s];
  *                  ln(x / value in the settings) for x = cx_front, cy_front, cy_rear and
- *                  grip; steering offset [rad], true / logged steering angle - 1, latency
- *                  of the steering [s], front wheel radius in the settings / true one - 1
+ *                  grip; steering offset [rad]; (true / logged steering angle) - 1;
+ *                  steering latency [s]; (front wheel radius in the settings / true) - 1
  *    64  q24 x 11  sd of each mean; 0: this mean has not been learnt
  *   108  q14 x 55  correlations of the means i and j > i, in the order 01 02 .. 12 13 ..;
  *                  then 2 bytes of zeros
  *   220  q24 x 5   noise sd of accel_x, accel_y, yaw_rate and both wheel speeds, each
  *                  divided by the sd in the settings
  *   240  q24 x 3   process sd of cx_front, cy_front and cy_rear, relative to nominal: sd
- *                  of the independent draws of each row; paper's filter only
+ *                  of the white noise about the mean; paper's filter only
  *   252  q24 x 3   correlations 01, 02, 12 of the process noise; paper's filter only
  *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
  *

@@ -75,8 +75,8 @@ struct tse_aligned {
   tse_real number;
 };
 #define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
-/* Size in bytes of an array with one byte for each stored row, rounded up to a multiple
- * of 4 + TSE_PADDING, the alignment of tse_real. */
+/* Size in bytes of an array with one byte for each of TSE_LATENCY_KEPT stored rows,
+ * rounded up to a multiple of 4 + TSE_PADDING, the alignment of tse_real. */
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
 /* Storage for private structs. src/model/state.h defines these structs, and checks at

@@ -40,7 +40,7 @@ STUDIES = {
     "paper": (200, "paper"),
     "robust": (16, "robust"),
 }
-PICTURES = ("paper",)  # tables of STUDIES that have a picture
+PICTURES = ("paper",)  # keys of STUDIES whose study also draws a picture
 
 # Key: name of an FMU. Value: regular expression of its main variables. The table of the
 # FMU describes each main variable. Other variables are not described: for each group of

@@ -25,7 +25,7 @@ ROOMS = ("include", "src", "fmu", "scripts")  # folders from which texts are dra
 SHORTEST = 40  # min number of characters of a text; shorter texts are too easy
 AROUND = 6  # number of lines of code that are shown after a text
 SCREEN = 25  # number of lines that --screen shows before and after a text
-# A call is a message if the name of the function ends so: print(), ValueError(), ...
+# A call is a message if the name of the called function ends in one of these words
 ERRORS = re.compile(r"(Error|note|warn|print|say)$")
 
 

@@ -28,7 +28,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # UUID namespace of the serial numbers
+SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # UUID namespace of the bills' serial numbers
 # name, version and licence of the third-party sources in the folder sources/ of an FMU
 IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")
 

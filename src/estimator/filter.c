@@ -3,8 +3,8 @@
  * The setting `form` selects the filter:
  *   0  Kalman filter of the car      filter/step.c
  *   1  particle filter of the paper  paper/algorithm1.c, one file per stage
- * Both use align.c (late channels). The particle filter also uses input.c (row to checked
- * sample) and start.c. */
+ * Both use align.c, which aligns channels of different latency. The particle filter also
+ * uses input.c (check a row, convert it to a sample) and start.c (initial estimate). */
 #include "filter/output.h"
 #include "filter/start.h"
 #include "filter/step.h"

@@ -9,9 +9,9 @@
  *                       measured velocity or a pseudo-measurement
  *              sd       sd of the sensor
  *   Updated:   change   sum of the corrections of this row, in units of the state
- *   Returned:  S, the variance of the innovation with which the gain was computed
- *              *state   the part of S that is not measurement noise: h' A h + y' y, see
- *                       scalar.c */
+ *   Returned:  the variance S of the innovation, as used for the gain (scalar.c)
+ *              *state   the part of S due to the uncertainty of the state and of the
+ *                       consider parameters: S without measurement noise */
 tse_real use_scalar(
     tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
@@ -19,7 +19,7 @@ tse_real use_scalar(
  * between successive innovations. Slow errors cancel in this difference, and it has twice
  * the variance of the white noise.
  *   Given:    difference  between the last two innovations
- *             nominal     noise variance of the setting
+ *             nominal     noise variance by the settings
  *             share       gain of the running mean
  *   Updated:  noise       ratio of the estimated noise variance to nominal */
 static inline void learn_noise(

@@ -111,7 +111,7 @@ static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[K
   return newer;
 }
 
-/* Add q to the variance of extra state i. */
+/* Add q, in units of state_unit[i]^2, to the variance of extra state i. */
 static void add_variance(tse_kalman *k, int i, tse_real q)
 {
   tse_real a[TSE_ALL];
@@ -175,9 +175,9 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MAX_SINCE);
 }
 
-/* Predicted value of a channel, and its partial derivatives with respect to the
- * motion at the time of the value (longitudinal and lateral speed, yaw rate) and to
- * the extra states, SI. */
+/* z: predicted value of a channel, SI. by, extra: its partial derivatives with respect to
+ * the motion at the time of the value (longitudinal speed, lateral speed, yaw rate), and
+ * to the extra states. */
 typedef struct velocity_reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
 } velocity_reading;
@@ -289,7 +289,8 @@ static void set_heading(tse_kalman *k, tse_real by)
  * channel contradict the prediction. This is so if the running mean of their normalised
  * innovation squared exceeds MAX_NIS.
  *   Given:    dt      [s] time since the last value
- *   Updated:  s       innovation after the corrections by other channels, noise variance
+ *   Updated:  s       s->e: innovation after the corrections by other channels; s->r:
+ *                     noise variance
  *             change  sum of the corrections of this row, in units of the state */
 static void use_velocity(
     const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
@@ -340,7 +341,7 @@ void velocity_update(
     keep_past(k, z->dt);
   }
   const tse_real lean = k->x[LEAN];
-  const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* then LEAN is 0, as in predict.c */
+  const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* the given bank replaces LEAN, as in predict.c */
   if (has_bank) k->x[LEAN] = TSE_R(0);
   car_rates(&p->car, k->x, f, rate, by);
   k->x[LEAN] = lean;

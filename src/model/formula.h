@@ -224,16 +224,17 @@ static inline tse_real formula_program(formula_run *f)
 #endif
 
 /* Return the value of the formula at a point, in the unit of the quantity to which it is
- * added. */
+ * added. For a stiffness it is a relative change. */
 static inline tse_real formula_at(const point *pt)
 {
   formula_run f = { pt, NULL, 0, 0 };
   return r_mul(pt->p->effects.formula_gain, formula_clip(formula_program(&f)));
 }
 
-/* Hook SLIP: if the formula acts on a slip angle, add the value of the formula to this
- * slip angle. The next functions do the same for the quantities of the hooks STIFFNESS,
- * BODY and SENSOR. */
+/* If the formula acts on a slip angle, add the value of the formula to this slip angle.
+ * free_angle keeps the slip angles without the formula, as its input signals. The next
+ * functions apply the formula to a stiffness (multiplied by 1 + value), to a force or yaw
+ * moment of the body, and to a sensor. */
 static inline void formula_slip(point *pt)
 {
   const int place = formula_place_of(&pt->p->effects);

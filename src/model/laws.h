@@ -164,8 +164,7 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
 }
 
 /* Limit the acceleration that linear tyres would cause to +-MAX_PULL, for the computation
- * of load transfer. Linear tyres have no friction limit: without the limit +-MAX_PULL the
- * load transfer would become too large. */
+ * of load transfer, which would otherwise become too large. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_PULL, MAX_PULL); }
 
 /* Return a^2, the square of the lateral acceleration. Load transfer reduces the stiffness
@@ -228,7 +227,7 @@ static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse
   return r_mul(c->pitch_leak, pitch[0]) - r_mul(c->pitch_height, swing);
 }
 
-/* Return the specific force at the point (lx, ly) of a body.
+/* Return the specific force at the point (lx, ly) [m] relative to the centre of gravity.
  *   Given:  x, y    [m/s2] specific force at the centre of gravity
  *           r, yaw  [rad/s] yaw rate; [rad/s2] yaw acceleration */
 static inline planar compute_force_at(

@@ -109,9 +109,10 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
  *   mu+ = mu + gamma+ z
  *   Lambda+ = Lambda + z z'/(1 + gamma), thus
  *   lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
- * The setting spread_max limits the diagonal elements of lam. If one of them exceeds the
- * limit, all elements of lam are multiplied by the factor that brings the largest
- * diagonal element to the limit. */
+ * `max` limits the diagonal elements of lam, so that the sd of each w, whose variance is
+ * lam nu/(nu - 4), is at most the setting spread_max. If an element exceeds `max`, all
+ * elements of lam are multiplied by the factor that makes the largest diagonal element
+ * equal to `max`. */
 static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
     tse_real max, tse_particles *TSE_RESTRICT q)
 {

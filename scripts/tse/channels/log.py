@@ -95,8 +95,9 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     If a log lacks the wheel speed of one axle, check_log() substitutes the wheel speed of
     the other axle. For a car with different wheel radii at both axles, this function
     scales the substitute by (radius at the other axle / radius at the axle without wheel
-    speed), so that wheel speed x wheel radius is the same at both axles. If the log has
-    the wheel speeds of both axles, it is returned unchanged."""
+    speed), so that wheel speed x wheel radius is the same at both axles. log.stands_by is
+    the factor by which the substitute was scaled before. If the log has the wheel speeds
+    of both axles, it is returned unchanged."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))

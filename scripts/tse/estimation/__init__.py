@@ -1,6 +1,7 @@
 """Run the filter over a log, smooth its estimates, and describe them in words.
 
-The answer is the printed result: one line for each of the three stiffnesses. A verdict
-states how far a stiffness is usable, and why. An event is e.g. a change of the road or a
-fault of a sensor.
+Terms in this package:
+ - answer: the printed result, with one line for each of the three stiffnesses;
+ - verdict: states how far the estimate of a stiffness is usable, and why;
+ - event: for example a change of the road surface, or a fault of a sensor.
 """

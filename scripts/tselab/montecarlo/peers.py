@@ -1,4 +1,5 @@
-"""An extended Kalman filter that has the true covariances. tse is compared with it.
+"""Two extended Kalman filters, "ekf" and "known" (run_peer()). They have the true noise
+covariances, and tse is compared with them.
 
 The state is z = (x, mu, b, eps), where x = (vel_x, vel_y, yaw_rate), b are the sensor
 biases, and mu + eps = stiffness / nominal - 1 for the three stiffnesses: mu is the mean,
@@ -44,8 +45,8 @@ PEER_DTYPE = np.dtype(
 
 @dataclass(frozen=True)
 class Known:
-    """Arguments of an extended Kalman filter of this file: true noise sds, true spread
-    and true times of changes of the simulation, and the forgetting factor."""
+    """Arguments of the filters "ekf" and "known": true noise sds, true spread and true
+    times of changes of the simulation, and the forgetting factor."""
 
     # sd of each stiffness from sample to sample, relative to nominal (filter "ekf") or
     # to the estimated mean stiffness (filter "known")
