@@ -131,7 +131,7 @@ const tse_setting_row *tse_describe_settings(int32_t *count);
 
 /* Properties of this build of the library. Later versions append new members at the end.
  * A host that sets the struct to 0 before the call can therefore load an older library:
- * the members that this library does not have stay 0. */
+ * the members that the older library does not know stay 0. */
 typedef struct tse_build {
   const char *version, *format;                                /* version; number format */
   int32_t capacity;                                            /* max number of particles */

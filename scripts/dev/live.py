@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "live.md"
 GROUP, PORT = "239.74.163.2", 43113
-PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # key: Linux scheduling policy
+PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # keys: SCHED_OTHER, SCHED_FIFO, SCHED_RR of Linux
 NAMES = {"cy_front": "front, in bends", "cy_rear": "rear, in bends", "cx_front": "front, along"}
 
 import can  # noqa: E402

@@ -191,8 +191,8 @@ def shrink_picture(path: Path) -> None:
     """Reduce the number of colours of a PNG to COLOURS, and then its width and height
     until the file has at most MAX_PICTURE_BYTES.
 
-    The palette has the most frequent colours. Means of similar colours would change the
-    colour of large areas.
+    The palette has the most frequent colours, not means of similar colours, because means
+    would change the colour of large areas.
     """
     from PIL import Image
 
@@ -227,7 +227,7 @@ def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[P
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    # the studies write pictures that may be too large for git: shrink these, too
+    # pictures of `tselab montecarlo`, which may be too large for git
     for path in (ROOT / "scripts" / "results").glob("*.png"):
         if path.stat().st_size > MAX_PICTURE_BYTES:
             shrink_picture(path)

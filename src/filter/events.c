@@ -146,7 +146,8 @@ static int is_fault_of_sensor(int32_t which)
   return is_fault(which) && get_kind(which)->channel != STEERING;
 }
 
-/* Return the group of events for which a measurement of a channel is evidence. */
+/* Return the group of events for which a measurement of a channel is evidence. Measured
+ * velocities have NO_SENSOR_LATERAL or NO_SENSOR_LONGITUDINAL instead of a channel. */
 static int get_channel_group(int channel)
 {
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
@@ -355,8 +356,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 {
   tse_real *const weight = k->weight, *const none = k->none;
   for (int group = 0; group < TSE_GROUPS; group++) {
-    /* log2 of the largest weight. All weights are divided by the largest one before they
-     * are added, so that the sum does not overflow */
+    /* log2 of the largest weight; the weight of no event is 1. All weights are divided by
+     * the largest one before they are added, so that the sum does not overflow */
     tse_real largest = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
@@ -510,10 +511,10 @@ static void add_rank_one(
 }
 
 /* Add to the covariance the variances by which an event of this kind increases single
- * states (kind.own). For a change of tyres also add (OWN_SHARE times the step of the
+ * states (kind.own). For a change of tyres also add (OWN_SHARE times the shift of ln
  * stiffness)^2 to each of these states. This is the variance of the linearisation error:
  * earlier updates were linearised at the old stiffness.
- *   Given:  was     stiffness and grip before the step
+ *   Given:  was     stiffness and grip before the event shifted them
  *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
@@ -608,7 +609,9 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
  * and comes within SETTLE_TIME of the last change, it counts as part of the last
  * change: the stored stiffness and the time of the last change stay as they are. A
  * fault that was accepted before is withdrawn, because its evidence may have come from
- * this change. */
+ * this change.
+ *   Given:  was, was_var, along  before the change: stiffness and grip, their variances,
+ *                                and tse_kalman.along */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {

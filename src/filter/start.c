@@ -56,7 +56,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[PHI] = r_mul(c->roll_gain, across);
   /* clang-format off */
   const tse_real sd[] = { /* in the order of the states; a TSE_SMALL build has no states from PHI on */
-    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX, because of slip */
+    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX: unknown slip */
     TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                                  /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), /* YAW */
     TSE_R(0.01) + r_abs(x[AF]),                                           /* AF */

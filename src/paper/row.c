@@ -30,10 +30,10 @@ static tse_real find_max_wheel_speed(const sample *y)
  *
  * Let w be the relative deviation of the stiffness from nominal, and the regressor phi
  * the derivative of the measured acceleration with respect to w, divided by the sd of the
- * accelerometer (an element of d of (9)). In every sample, w differs at random from its
- * mean, with the sd stiffness_spread (s). The noise variance of a sample, divided by the
- * variance of the accelerometer, is therefore 1 + phi^2 s^2. The mean of w, estimated
- * from n = p->memory samples, then has the variance
+ * accelerometer (an element of d in equation (9)). In every sample, w differs at random
+ * from its mean, with the sd stiffness_spread (s). The noise variance of a sample,
+ * divided by the variance of the accelerometer, is therefore 1 + phi^2 s^2. The mean of
+ * w, estimated from n = p->memory samples, then has the variance
  *   (1 + E[phi^2] s^2)/(n var(phi)).
  * The stiffness counts as excited if this variance is at most valid_sd^2. Otherwise its
  * estimate is reported, but as not valid. E and var are taken over about 2 n samples,

@@ -175,7 +175,8 @@ def _find_factor(
 ) -> float:
     """Return the factor from the unit of a signal to the SI unit of the channel `part`.
 
-    If the unit is unknown, return 1 and append a note. A reference (ref_*) and a signal
+    If neither signals.toml nor the log states a unit, return 1 and append a note. A
+    unit that cannot be converted raises UserError. A reference (ref_*) and a signal
     with a threshold (`signal.above`) are not converted: return 1."""
     if part.startswith("ref_") or signal.above is not None:
         return 1.0

@@ -61,7 +61,7 @@ class CatalogueParameter:
     high: float
     typical_low: float
     typical_high: float
-    negligible: float
+    negligible: float  # difference from `default` below which a strength is negligible
     sign: int  # the plausible sign, 1 or -1; 0 if both are plausible
     text: str
     # prior sd. It is stated in the vehicle file, or is KNOT_SD for a value of a road

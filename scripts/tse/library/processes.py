@@ -115,8 +115,9 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # unfinished tasks at the death of a process: any of them may have caused it. Each
-        # runs again, alone in a new process. If this process dies, the task raises Died
+        # tasks that were unfinished when a process died: any of them may be the cause.
+        # Each of them runs again, alone in a new process. If the new process dies, too,
+        # the task raises Died
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 

@@ -75,8 +75,8 @@ COLUMN_HINTS = {
 }
 
 # Limits of a time column
-# [s] lowest and highest median step between rows. A log is refused only below
-# MIN_ROW_STEP / 2 or above MAX_ROW_STEP
+# [s] min and max of the median step between rows. Messages state this range, but a log is
+# refused only below MIN_ROW_STEP / 2 or above MAX_ROW_STEP
 MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0
 # share of rows whose time falls. Above it the log is refused: its rows are not sorted by
 # time
@@ -205,7 +205,8 @@ class CheckedLog:
         return np.diff(self.time, prepend=self.time[0] - (self.sample_time or 0.01))
 
     def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return rows `first` to `last` - 1 as an array of the library's input struct."""
+        """Return rows `first` to `last` - 1 as an array of the library's input struct.
+        `last` None: to the end of the log."""
         part = slice(first, last)
         rows = np.zeros(len(self.time[part]), library().dtype(INPUT))
         before = self.time[first - 1] if first else self.time[0] - (self.sample_time or 0.01)

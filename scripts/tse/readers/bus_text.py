@@ -451,8 +451,8 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Convert a date to s since 1970, a time of day to s since midnight before
-            the first time.
+            """Convert a date to s since 1970, or a time of day to s since the midnight
+            before the first frame.
 
             A time of day more than 12 h below the one before it begins a new day."""
             nonlocal before, days

@@ -133,8 +133,8 @@ ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "side
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity in whose plot a reference column (ALIASES) is drawn. Return
-    None if the name of the column matches no quantity."""
+    """Return the quantity in whose plot a reference column (name ref_...) is drawn.
+    Return None if the name of the column matches no quantity."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -508,7 +508,8 @@ def draw_stiffness(
     reason why it is not valid are shown.
 
     If the estimates have probabilities of the regimes (steady, changed, fault ...), they
-    are drawn in a plot below the stiffnesses. `table` needs the columns of SUMMARY."""
+    are drawn in a plot below the stiffnesses. `table`: estimates, with the columns
+    SUMMARY of estimate.py; of a long log only every n-th row."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)

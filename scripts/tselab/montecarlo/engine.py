@@ -47,7 +47,7 @@ class StudyPlan:
     study: Study
     runs: int  # number of runs of each case
     first_seed: int = 1
-    form: str = "default"
+    form: str = "default"  # option --form, the settings from which estimators start
     settings: Mapping[str, float] = field(default_factory=dict)
     sim_settings: Mapping[str, float] = field(default_factory=dict)
     cases: tuple[str, ...] = ()  # value of the option --cases; empty: all cases

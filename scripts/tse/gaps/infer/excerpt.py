@@ -30,9 +30,9 @@ from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
 # [s] Length of the pieces into which logs are cut. It is the time of one or two
-# manoeuvres. The excerpt consists of the most informative pieces. In the first BURN_IN of
-# each piece, simulation and measurement are not compared, because the initial state is
-# unknown.
+# manoeuvres. The excerpt consists of the most informative pieces. In the first BURN_IN
+# seconds of each piece, simulation and measurement are not compared, because the initial
+# state is unknown.
 EXCERPT_PIECE_TIME = 15.0
 # Assumed sd of the residuals in the information matrix of a piece, in units of the noise
 # of the residuals. It is far above 1, because residuals also contain the errors of the
@@ -99,7 +99,7 @@ def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], lim
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
     """Cut the stretches of a log into pieces of the length EXCERPT_PIECE_TIME and return
     them. Each piece is simulated on its own, from an unknown initial state. So simulation
-    and measurement are not compared in its first BURN_IN."""
+    and measurement are not compared in its first BURN_IN seconds."""
     found = []
     length = round(EXCERPT_PIECE_TIME / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block

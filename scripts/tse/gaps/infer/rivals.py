@@ -164,10 +164,11 @@ def explain_remainder(
     and a formula (or none).
 
     The named effects are those of the best world (Worlds.find_best()). But an effect
-    loses its name if Named.whole * Worlds.with_name() is below NAME_AT: the probability
-    that the vehicle file lacks the effect or one that replaces it in other sets, times
-    the total probability of the worlds that name the effect. The formula is the one that
-    the formula search with the named effects of the best world proposes, if any.
+    loses its name if the product of two probabilities is below NAME_AT: the probability
+    that the vehicle file lacks this effect or one that can replace it (Named.whole), and
+    the total probability of the worlds that name this effect (Worlds.with_name()). The
+    formula is the one that the formula search with the named effects of the best world
+    proposes, if any.
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the named effects together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
