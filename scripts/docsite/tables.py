@@ -254,8 +254,8 @@ def list_output_members() -> dict[str, str]:
 def make_output_fields() -> str:
     """Return the table of the members of tse_output.
 
-    A member of tse_output with the reason why an estimate is not valid is an output
-    NAME_valid in the table of estimates and in the FMUs: 1 valid, 0 not valid."""
+    For each estimate, tse_output has the reason why the estimate is not valid. The table
+    of estimates and the FMUs have an output NAME_valid instead: 1 valid, 0 not valid."""
     members = list_output_members()
     rows = []
     for f in library().fields(OUTPUT):
@@ -742,7 +742,8 @@ def make_tuning() -> str:
     """Return a table that shows how a wrong mass, latency or `model_sd` changes the
     innovations, the share of valid rows, and error and 95 % interval of `cy_front`.
 
-    NIS is the normalised innovation squared, e^2/S of one channel."""
+    NIS is the normalised innovation squared of one channel: the square of the innovation,
+    divided by its predicted variance."""
     import tse
     from tse.library.core import library
 

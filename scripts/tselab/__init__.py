@@ -6,8 +6,8 @@ import sys
 
 # Let OpenBLAS run with one thread. The matrices of tse are so small that more threads
 # cost more time than they save, and --jobs already runs several processes. OpenBLAS reads
-# the variable when NumPy is imported. If a program has already imported tse, NumPy may
-# have been imported, too, and the variable is not changed.
+# OPENBLAS_NUM_THREADS when NumPy is imported. If a program has already imported tse,
+# NumPy may have been imported, too, and the variable is not changed.
 if "tse" not in sys.modules:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

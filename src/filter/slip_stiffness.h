@@ -18,7 +18,7 @@ STAGE void along_start(tse_kalman *k, tse_real var);
  * variance of ln(slip stiffness), V the present variance of LCX, and B the sd of the
  * model error. As long as nothing is learnt, V = P and w = 1. If V is near 0, w is near
  * P/(P + B^2).
- *   Given:     var_lcx  V [unit^2]
+ *   Given:     var_lcx  V, in squared units of the state (state_unit)
  *   Returned:  *var     posterior variance of ln(slip stiffness), P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var);
 
@@ -37,7 +37,7 @@ tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift
  * the increase of the variance of LCX by the change. If the change is a return to the
  * previous road (which = EVENT_ROAD_RETURN), restore the estimate for that road instead.
  *   Given:  which   kind of the event: EVENT_ROAD ...
- *           before  variance of LCX before the change [unit^2] */
+ *           before  variance of LCX before the change, in squared units of the state */
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
 
 #endif

@@ -309,7 +309,8 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 /* ------------------------------------------------------------------------------ load */
 
 /* Return rate times n. A large n does not fit a fixed-point number. n is therefore split
- * into digits to the base 1024, and the products of rate and the digits are added. */
+ * into digits to the base 1024, and rate times digit times power of 1024 is added for
+ * each digit. */
 static tse_real compute_growth(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -320,8 +321,9 @@ static tse_real compute_growth(tse_real rate, uint32_t n)
   return sum;
 }
 
-/* Return the relative variance of a mean stiffness age_s seconds after it was saved.
- *   Given:  sd       relative sd when it was saved
+/* Return the variance of the mean of a stiffness, age_s seconds after it was saved.
+ *   Given:  sd       sd when it was saved: of ln(stiffness) in the default filter, of
+ *                    stiffness/nominal in the particle filter
  *           max_var  upper limit of the result: variance of the prior in the settings */
 static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real max_var)
 {
@@ -350,8 +352,8 @@ static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real stat
   *var = now;
 }
 
-/* Set the prior of the default filter to the saved means, correlations and noise,
- * with aged variances. */
+/* Set the prior of the default filter to the saved means, covariances and noise, with
+ * aged variances. */
 static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real was[TSE_KEPT];

@@ -212,8 +212,9 @@ static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
-/* If the caller has changed the steering angle in `last` after the last row, turn the
- * wheels to the new angle within the time JUMP. */
+/* If the steering angle in `last` is not the one to which the wheels have been turned,
+ * turn the wheels to it within the time JUMP. This is so if the caller has changed `last`
+ * after the last row and, with hold_inputs = 1, if a row has a new angle. */
 static void jump(tse_sim *sim)
 {
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;

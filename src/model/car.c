@@ -144,14 +144,15 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   compute_force_slopes(c, x, &t, ax, ay, f);
 }
 
-/* Kinematic slip angle of an axle: the angle between the plane of its wheels and their
- * velocity. The slip angle of the tyres approaches it over the relaxation length. */
+/* Kinematic slip angle of an axle whose wheels are not steered: minus the angle of the
+ * velocity of the axle to the longitudinal axis of the car. The slip angle of the tyres
+ * approaches this angle, plus the steering angle, over the relaxation length. */
 typedef struct kinematic {
   tse_real a;             /* [rad] */
   tse_real by_side, by_v; /* [s/m] its derivatives with respect to lateral and longitudinal speed */
 } kinematic;
 
-/* Return the kinematic slip angle of an axle.
+/* Return the kinematic slip angle of an axle whose wheels are not steered.
  *   Given:  side  lateral speed of the axle [m/s] */
 static kinematic compute_kinematic_angle(tse_real side, tse_real vx)
 {
@@ -205,12 +206,12 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
                  rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
   const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear),
                  vy = x[VY] + r_mul(half, across_rate);
-  /* rows of M: v_x, v_y, r, a_f, a_r, phi, phi' */
+  /* rows of M: v_x, v_y, r, slip angles front and rear, phi, phi' */
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR],
                    *const mp = M[HAS_ROLL ? (int)PHI : (int)VX],
                    *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
-  /* derivatives of a_x with respect to v_x, a_f, a_r; of a_y and r' with respect
-   * to a_f, a_r */
+  /* x_..: derivatives of f->x with respect to v_x, front and rear slip angle. y_.. and
+   * r_..: derivatives of f->y and f->yaw with respect to front and rear slip angle */
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]),
                       y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx),

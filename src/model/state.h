@@ -247,7 +247,7 @@ struct tse_params {
  * settings instead. */
 typedef struct tse_start {
   int32_t loaded;
-  tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); spread of this mean over the particles */
+  tse_real mu[3], mu_sd[3]; /* [1] mean of (stiffness/nominal - 1); sd of this mean over the particles */
   tse_real mean_var[3];     /* [1] variance of this mean: mu_sd^2 plus the variance within each particle */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3]; /* particle filter: mean of each bias [sigma]; its variance [sigma^2] */
@@ -482,7 +482,7 @@ struct tse_sim {
   tse_sim_config config;
   uint32_t step;              /* number of rows so far */
   tse_real x[5];              /* vel_x, vel_y [m/s]; yaw rate, wheel speeds front and rear [rad/s] */
-  tse_real bias[3], drawn[3]; /* [m/s2 m/s2 rad/s]; [1] drawn stiffness / nominal until the next row */
+  tse_real bias[3], drawn[3]; /* biases [m/s2 m/s2 rad/s]; drawn stiffness / nominal, until the next row */
   tse_real steer;             /* [rad] road-wheel angle at the last row, after the effects */
   tse_real steer_logged;      /* [rad] logged angle at the last row */
   tse_effect_memory effects;

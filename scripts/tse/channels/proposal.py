@@ -70,7 +70,10 @@ def format_headline(g: Guess) -> str:
 def format_signals(
     recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
 ) -> str:
-    """Return the proposal as a signals.toml, with the evidence as comments."""
+    """Return the proposal as a signals.toml, with the evidence as comments.
+
+    `how`: options with which the log was read; they are written to the table [log].
+    `folder`: paths of databases inside this folder are written relative to it."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with its evidence. "
         "Check and correct them."

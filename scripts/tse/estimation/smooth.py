@@ -17,8 +17,9 @@ from tse.library.core import NOMINAL, STIFFNESS, Config
 SMOOTHING_STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
 # A part of the variance of a stiffness is common to all rows, e.g. from an uncertain
 # mass. Later rows reduce only the rest: the variance in the row minus the common part.
-# This part is computed at the end of the log (compute_fixed_parts()), and may exceed the
-# variance in a row. So the rest is taken as at least MIN_FREE times the variance.
+# The common part is computed at the end of the log (compute_fixed_parts()), and may
+# exceed the variance in a row. So the rest is taken as at least MIN_FREE times the
+# variance.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -58,8 +59,9 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
     """Return, for each stiffness, the part of its variance that further measurements do
-    not reduce, divided by the square of the stiffness in the last used row. This part
-    is caused by uncertain parameters of the car and by model error (setting model_sd).
+    not reduce, divided by the square of the stiffness in the last row that was not
+    refused. This part is caused by uncertain parameters of the car and by model error
+    (setting model_sd).
 
     Parameters
     ----------

@@ -162,16 +162,16 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
     [header] may state a different unit, as "velocity mph". Any other column has the unit
     in section [channel units], else the unit in its title or name.
 
-    [channel units] has a line for each column of the file, or only for the last ones. So
-    its last line belongs to the last column, and so on backwards. Lines that meet columns
-    of the receiver are ignored.
+    [channel units] has a line for each column of the file, or only for the last columns.
+    So its last line belongs to the last column, the line before it to the column before,
+    and so on. A line that belongs to a column of the receiver is ignored.
 
-    A blank line belongs to a column without unit, or only ends the section. The expected
-    number of lines decides. It is the number of all columns if there are at least as many
-    lines and the line of the column time is "s" or blank. Otherwise it is the number of
-    columns that are not of the receiver. If there are more lines than expected, surplus
-    blank lines at the end are removed. If there are fewer, one blank line at the end is
-    removed."""
+    A blank line at the end belongs to a column without unit, or only ends the section.
+    The expected number of lines decides which. This number is the number of all columns
+    if there are at least as many lines and the line of the column time is "s" or blank.
+    Otherwise it is the number of columns that are not of the receiver. If there are more
+    lines than expected, surplus blank lines at the end are removed. If there are fewer,
+    one blank line at the end is removed."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     has_all = len(said) >= len(names) and "time" in short and said[short.index("time")] in ("", "s")
