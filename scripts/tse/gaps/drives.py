@@ -80,8 +80,8 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
     model with these wheel speeds. The result is a more accurate lateral motion.
     """
     share, length = c.exact_kinematics_share, c.lf + c.lr
-    # across: lateral velocity [m/s]; turning: yaw rate [rad/s]; side: lateral acceleration
-    # [m/s2]
+    # across: lateral velocity [m/s]; turning: yaw rate [rad/s]; side: lateral
+    # acceleration [m/s2]
     across = turning = side = np.zeros(len(steer))
     for _ in range(ROUNDS):
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
