@@ -36,8 +36,9 @@ import machines as m
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
 # [bytes] min RAM for the stack; with less, the program does not link. In float at -O2,
-# tse_step() needs 4 476; the rest is for settings and outputs in main(). Double needs
-# more. It runs only on boards with 4 MB of RAM, where the stack can use all free RAM.
+# tse_step() needs 4 476; the rest is for settings and outputs in main(). The format
+# double needs more, but is run only on boards with 4 MB of RAM. There, the stack can use
+# all free RAM.
 STACK = 5_500
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\

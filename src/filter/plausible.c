@@ -272,7 +272,9 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
  *
  * In every car the yaw rate follows the steering angle. If the logged yaw rate leads it,
  * the logged steering angle is late. The limit of the latency of accel_y includes the lag
- * that soft tyres or an IMU further back can cause (a->lags).
+ * that soft tyres or an IMU further back can cause (a->lags). A late yaw_rate lags both
+ * accel_y and the steering angle. Two values must therefore exceed their limits: the
+ * latency of yaw_rate behind accel_y, and the sum of its two latencies (`both`).
  *
  * Both sides of each comparison are multiplied by the excitation, the time integral of
  * the squared jerk (`square`, `asked`). 3 sd of a latency are LATE_SD/sqrt(excitation).

@@ -25,11 +25,13 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# [1] sd of ln(measured / expected) in logs with correct units. Keys: the ratios of
-# FIGURES. "track" is the sd of track_front and track_rear if the vehicle file states the
-# track. Reasons why the ratios are not exactly 1: accel_y: body roll and bank of the
-# road; the ratio was 0.91 .. 1.10 with the cars of tests/cars and in real logs. accel_x:
-# pitch and grade. steer_angle: steering compliance and an inexact steering ratio.
+# [1] sd of ln(measured / expected) in logs with correct units. Keys: names of the ratios,
+# as in the dict FIGURES below; but "track" is the sd of both track_front and track_rear
+# if the vehicle file states the track. Reasons why the ratios are not exactly 1:
+# - accel_y: body roll and bank of the road. The ratio was 0.91 .. 1.10 with the cars of
+#   tests/cars and in real logs.
+# - accel_x: pitch and grade.
+# - steer_angle: steering compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 # [m] track of passenger cars, and [1] sd of its logarithm. Used if the vehicle file does
 # not state the track.

@@ -273,6 +273,8 @@ def _compute_cost(
     3 m/s is improbable for a car, and adds 4. `facts`: result of measure_slopes().
     `unit`, `per`: as in UnitScale."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
+    # If the unit of the wheel speeds is angular, all ratios depend on the wheel radius.
+    # `loose`: sd of the logarithm of this radius.
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
     figures = {}

@@ -45,9 +45,10 @@ def write_report(
 ) -> None:
     """Write the report of a run.
 
-    `data`: lines of the plots. `judged`: detected changes of the stiffness, and findings.
-    None: computed from `est.table`. `contradictions`: warnings that channels contradict
-    each other or the vehicle file; used only if `judged` is None."""
+    `data`: lines of the plots; None: made from `log` and `est.table`. `judged`: detected
+    changes of the stiffness, and findings; None: computed from `est.table`.
+    `contradictions`: warnings that channels contradict each other or the vehicle file;
+    used only if `judged` is None."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)

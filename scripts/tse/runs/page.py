@@ -21,8 +21,8 @@ from tse.runs.run import group_by_car
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-# Max number of cars whose trend is drawn. If more cars have a trend, those with the
-# smallest stiffness are drawn
+# Max number of cars whose trend (stiffness over time, for cars with several logs) is
+# drawn. If more cars have a trend, the first ones in the order of Car.place are drawn
 MAX_TRENDS = 12
 MAX_LISTED_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all logs
 

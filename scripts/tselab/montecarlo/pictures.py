@@ -224,8 +224,8 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
     """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    # for the studies "paper" and "robust", the tables of make_findings() contain the
-    # scores of the overview and of the changes
+    # for the studies "paper" and "robust", the tables of make_findings() replace those of
+    # make_overview() and tabulate_changes()
     if plan.study.base not in ("paper", "robust"):
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)

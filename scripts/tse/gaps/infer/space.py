@@ -30,9 +30,9 @@ STIFFNESS_SD = 0.5
 # prior sd of the strength of an effect outside the fitted set of effects (see the top of
 # this file), as a multiple of CatalogueParameter.negligible
 ABSENT = 0.5
-# rms of the error that even the best model has, in units of the noise of a block. Noise
-# (rms 1) and this error together have the rms NOISE_LIMIT, the largest residual rms with
-# which a model counts as explaining a channel.
+# rms of the error that even the best model has, in units of the noise sd of a residual.
+# Noise (rms 1) and this error together have the rms NOISE_LIMIT, the largest residual rms
+# with which a model counts as explaining a channel.
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
 # Width of the finite differences for effects outside the fitted set, as a multiple of
 # CatalogueParameter.step. As a step is 0.02 of the typical size of a parameter, the width
@@ -65,7 +65,7 @@ class Space:
         Pairs (index of a log, channel). The residuals of each pair form one vector.
     """
 
-    knots, knot_sd = 0, 1.0  # the roads of the logs are known, so no knots are fitted
+    knots, knot_sd = 0, 1.0  # the roads of the logs are known, so no road profiles are fitted
 
     def __init__(
         self,
@@ -100,8 +100,8 @@ class Space:
         effects of the set.
 
         Shape parameters, such as time constants, have the same prior in the set and
-        outside it. Around.judge() overwrites it for effects outside the set, to fix their
-        shapes.
+        outside it. For effects outside the set, Around.judge() in search.py replaces this
+        prior by a narrow one, to fix their shapes.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -167,7 +167,8 @@ class Space:
         ]
         return np.clip(self.to_search(np.array(first)), self.low, self.high)
 
-    # ---- functions that tse.identify.fit calls
+    # ---- functions that tse.identify.fit calls. `g`: index of a group. `z`: unknowns of
+    # ---- the roads, not used here. `base`: residuals at x.
 
     @staticmethod
     def compute_noise(g: int) -> float:

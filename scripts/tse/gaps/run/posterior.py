@@ -5,8 +5,8 @@ vehicle file, but their uncertainty widens the intervals of the other parameters
 
 The covariance is computed at the fitted values, in the same way as in a calibration
 (identify/fit.py). The prior sd of an effect that is not named comes from the table
-[uncertainty] of the vehicle file. If it is not stated there, it comes from the class of
-the car.
+[uncertainty] of the vehicle file. If it is not stated there, it is that of an
+uncalibrated car.
 """
 
 from __future__ import annotations
