@@ -59,7 +59,7 @@ class Result:
     """Verdict on one machine in one number format: are all bits as expected?"""
 
     machine: m.Machine
-    real: str
+    real: str  # number format of the library, e.g. "double"
     says: str = ""  # verdict: SAME, REFUSED, or why it failed or was skipped; "": not run
 
     @property
@@ -112,7 +112,7 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
         return f"no: {find_reason(str(error))}"
     found = {form: hash_ for hash_, form in re.findall(r"^hash (\w+) (.+)$", text, re.M)}
     expected = m.read_golden(real)
-    if "default, scheme 0" not in found:
+    if "default, scheme 0" not in found:  # scheme: number of the method of resampling
         return f"no: {find_reason(text)}"
     wrong = [form for form, hash_ in found.items() if expected.get(form) != hash_]
     return f"no: the bits differ: {', '.join(wrong)}" if wrong else SAME

@@ -300,7 +300,7 @@ static int find_late_channel(const tse_params *p, const tse_agreement *a)
 /* If accel_y, yaw_rate and the steering angle have been present for COMPLETE_TIME, update
  * the latencies with a row and find the channel that is late.
  *   Given:  was  low-passed values of the previous row
- *           has  bits of the channels that are present
+ *           has  bits TSE_MISSING_* of the channels that are present
  *           dt   time since the previous row; 0 if there is none */
 static void watch_latencies(
     const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
@@ -395,7 +395,8 @@ static void compare_pair(
 }
 
 /* Read the channels of a row.
- *   Returned:  bits of the channels that are present and in range
+ *   Returned:  bits TSE_MISSING_* of the channels that are present (not missing, as the
+ *              name of the bits says) and in range
  *              x  their values; 0 for the other channels */
 static uint32_t read_channels(const tse_input *u, tse_real x[TSE_CHANNELS])
 {

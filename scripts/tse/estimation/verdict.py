@@ -170,8 +170,9 @@ def make_verdicts(
     """Return the verdict on each stiffness. `whole` is True if the table is the whole
     log, False if it is one stretch of road.
 
-    `parts` is the result of smooth.compute_fixed_parts(). If it is None or empty, the
-    verdicts have no smoothed values."""
+    `parts` has, for each stiffness, the relative variance that smoothing does not reduce,
+    from smooth.compute_fixed_parts(). If it is None or empty, the verdicts have no
+    smoothed values."""
     found = [_make_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
@@ -183,8 +184,9 @@ def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, o
     """Return the verdict with the smoothed value added to members and text.
 
     The smoothed value is valid if the share of valid rows is at least MIN_VALID and the
-    relative sd of the smoothed value is at most the setting valid_sd. `part` is the value
-    of compute_fixed_parts() for this stiffness. `of` is "the log" or "the stretch"."""
+    relative sd of the smoothed value is at most the setting valid_sd. `part` is the
+    relative variance that smoothing does not reduce, from compute_fixed_parts(). `of` is
+    "the log" or "the stretch"."""
     value, sd = smooth_stretch(rows, v.key, config, part)
     if not value > 0:
         return v
