@@ -48,9 +48,10 @@ OPTIONS = (
     "-DTSE_MAX_PARTICLES=16",
     "-DTSE_LATENCY_ROWS=8",
 )
-# Instructions of a row: mean, maximum, maximum / mean. Bytes: flash without the particle
-# filter ("text") and with it ("all_forms"), RAM, stack
+# Instructions of a row: "mean", maximum ("longest"), maximum / mean ("ratio"). Bytes:
+# flash without the particle filter ("text"), flash with it ("all_forms"), "ram", "stack"
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
+# options of qemu: each instruction takes 2^6 = 64 ns of emulated time
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions in the loop of known length that checks the count
 # [bytes] assumed stack of a function of libc or libgcc, because the compiler reports no

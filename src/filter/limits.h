@@ -166,7 +166,7 @@
                                          * Each repeat adds -log2 of the probability to the evidence that the
                                          * channel is frozen. At a probability of 1 this would be 0, and the
                                          * test could never find a frozen channel */
-#define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow
+#define MIN_SLOW_VAR TSE_R(1e-9)        /* [(unit of the channel)^2] min variance of a slow
                                          * (low-passed) innovation, because it is a divisor */
 #define NEGLIGIBLE TSE_R(0.001)         /* [1] if consider parameters cause at most this share of the
                                          * innovation variance S, the gain is not corrected for them */

@@ -166,8 +166,8 @@ static int is_near_saturation(const tse_kalman *k)
   return near;
 }
 
-/* Return the most severe caution that applies to the row: the one
- * with the largest code. */
+/* Return the most severe warning that applies to the row: the one with the largest code.
+ * TSE_OK: no warning applies. */
 static tse_status find_status(
     const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {

@@ -203,10 +203,10 @@ static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)
   fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++)
     fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
-  for (int a = 0; a < 3; a++) /* mu is a mean of draws */
+  for (int a = 0; a < 3; a++) /* mu: mean of drawn deviations w, each within w_low .. w_max */
     fine = fine && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED);
   if (f->filter.started)
-    for (int d = 0; d < 6; d += d ? 2 : 3)
+    for (int d = 0; d < 6; d += d ? 2 : 3) /* 0, 3, 5: diagonal of lam, which is not negative */
       fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
   /* log-weights beyond the first p->particles are not used and not checked */
   return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64));

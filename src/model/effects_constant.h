@@ -1,6 +1,7 @@
-/* model/effects_constant.h - effects of hook CONSTANT, which change settings, in the
- * order of effects.toml. Only prepare.c includes this file. The functions compute with
- * numbers of type tse_setting. */
+/* model/effects_constant.h - effects that change settings, in the order of effects.toml,
+ * where they have the hook CONSTANT (hook: place in the model at which an effect acts).
+ * Only prepare.c includes this file. The functions compute with numbers of type
+ * tse_setting. */
 
 /* mass: the mass is m (1 + change). Yaw inertia, and stiffness in N and N/rad, are
  * unchanged. Typical change 0.1 .. 0.2: passengers, load, fuel. The motion depends only

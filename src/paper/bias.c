@@ -26,8 +26,8 @@ static tse_real find_max_bias(const tse_params *p, int channel)
   return r_min(MAX_BIAS, r_mul(row->hi, p->inv_sd[channel]));
 }
 
-/* Compute the quantities of equations (22) to (25) that are common to all particles,
- * among them Rbar = P + R of (22), with R = 1. */
+/* Compute the quantities of equations (19) and (22) to (25) that are common to all
+ * particles. R is 1, because measurements are divided by the sds of their noise. */
 common paper_compute_common(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
@@ -49,8 +49,8 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
 static tse_real clip_bias(tse_real b, tse_real max) { return r_clamp(b, -max, max); }
 
 /* Correct the biases of every particle. The correction is the bias gain times the
- * innovation given w: the difference between the measurement and its prediction with the
- * drawn w of the particle. */
+ * innovation given w: the difference between the measurement and its prediction with w,
+ * the relative deviations of the stiffnesses that were drawn for the particle. */
 static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
@@ -68,8 +68,10 @@ static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RE
   }
 }
 
-/* Update the biases, equation (19), with the innovation given w:
- *   b += K (y - h - d w - b),  P -= K S K',  K = P S^-1,  S = P + R */
+/* Update the biases b, equation (19):
+ *   b += K (y - h - d w - b),  P -= K S K',  K = P S^-1,  S = P + R
+ * h + d w is the measurement predicted without a bias, w the drawn relative deviations of
+ * the stiffnesses. */
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   update_biases(p, c, y, &f->p);

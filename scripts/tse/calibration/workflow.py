@@ -40,8 +40,8 @@ MIN_LAG_SD = 0.003
 # [rad/s/sqrt(s)] Max sd of the random walk of the gyro bias. If the residuals give a
 # larger value, model errors in turns cause it, not the gyro.
 MAX_GYRO_WALK = 0.001
-# A channel with fewer distinct values than MIN_STEPS + 1 is treated as not quantised:
-# their differences are too few to find the quantisation step.
+# Min number of differences between successive distinct values of a channel. With fewer,
+# the quantisation step cannot be found, and the channel is treated as not quantised.
 MIN_STEPS = 10
 
 
@@ -295,7 +295,7 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
 
 def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
     """Return the settings <channel>_sd: sd of the white noise of a single row, for each
-    channel. If there are several logs, it is the largest of their sds."""
+    channel. If there are several logs, it is the largest sd of any log."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):

@@ -381,9 +381,10 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
 
 
 def _get_message_name(c: Channel) -> str:
-    """Return the name of a signal's message: what precedes the last dot in its full name.
+    """Return the name of a signal's message: the part of the signal's full name before
+    the last dot or slash.
 
-    Return "" if the name has no dot. For example, the columns of a table have no
+    Return "" if the name has neither. For example, the columns of a table have no
     message."""
     return c.name.replace("/", ".").rpartition(".")[0]
 

@@ -160,7 +160,8 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
     Change.probability is the larger of two values of the column change_probability: its
     median over these rows, and its value in the last of them. A change is left out if its
     probability is below MIN_EVENT_PROBABILITY, or if all its ratios differ from 1 by at
-    most MIN_CHANGE. A change without ratios ("started over") is kept.
+    most MIN_CHANGE. A change without ratios ("started over") is judged by its probability
+    alone.
 
     The filter detects a change late. Change.time is when it began (_find_begin())."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
@@ -282,8 +283,8 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
     the start of a fault are filled in.
 
     In the first rows of a fault, the channel may still be unknown (0). Such a row gets
-    the number of the next row of the same run in which the channel is known. `runs` has a
-    pair for each run: its first row, and the row after its last row."""
+    the number of the next row of the same fault in which the channel is known. `runs` has
+    a pair for each fault: its first row, and the row after its last row."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):

@@ -4,8 +4,9 @@ The disturbances are the values of formulas (formula_search.py), or hat function
 (where.py). Many disturbances are computed at once.
 
 The single-track model is linearised about straight driving at the current speed, and
-integrated with one step per block. This is accurate enough to compare disturbances with
-each other. The formula search then simulates the best formulas with the full model.
+integrated with one step per block, i.e. per interval of 40 ms over which signals are
+averaged. This is accurate enough to compare disturbances with each other. The formula
+search then simulates the best formulas with the full model.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def compute_responses(
     fitted parameters, and `at` is the result of compute_signals(). `place` is the
     quantity of the model to which the disturbance is added, such as "yaw_moment". `forms`
     has one array for each log, with the shape (blocks, forms). It contains the values of
-    the forms in the unit of the disturbance.
+    the forms in each block of 40 ms, in the unit of the disturbance.
     """
     c, rows = problem.make_config(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
@@ -139,8 +140,8 @@ def _move_simulation(
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])
-    # The component of gravity along a banked road moves the car sideways, but an
-    # accelerometer does not measure it.
+    # The lateral component of gravity on a banked road accelerates the car, but
+    # accelerometers do not measure it.
     felt = 0.0 if place == ROAD_BANK else across
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):

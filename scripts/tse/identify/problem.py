@@ -79,7 +79,9 @@ ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
 # of the road would dominate the integral. With a shorter time constant, the noise of
 # accel_x would dominate it
 SPEED_TIME = 1.0
-SPEED_BLOCKS = 10  # the mean of this number of blocks (0.4 s) is one compared value of accel_x
+# A block is an interval of BLOCK_TIME, 0.04 s, over which samples are averaged. The mean
+# of SPEED_BLOCKS blocks (0.4 s) is one compared value of accel_x
+SPEED_BLOCKS = 10
 # [m/s] average_speed() returns at least this speed, so that its inverse remains finite
 # while the car stands
 MIN_SLIP_SPEED = 5.0
@@ -200,7 +202,8 @@ class CarProblem:
     # ---- groups of residuals
 
     def _lay_out(self) -> None:
-        """Set the groups (one channel of one log each), and which blocks are compared."""
+        """Set the groups (one channel of one log each), and which blocks (intervals of
+        BLOCK_TIME) of each group are compared."""
         self.groups: list[tuple[int, str]] = []
         self.time: list[np.ndarray] = []
         self._measured, self._used, self._time, self._count, self._speed, self._together = (
@@ -229,7 +232,8 @@ class CarProblem:
         )
 
     def _locate_values(self, g: int) -> np.ndarray:
-        """Return the place [m] on the road of each residual of a group; NaN: off road."""
+        """Return the distance [m] along the road at which each residual of a group was
+        measured. NaN: the place is not on the road."""
         if self.road is False:
             return np.zeros(0)
         i = self.groups[g][0]

@@ -127,9 +127,9 @@ def assemble_run(
     `vehicle`: the car; this function fills in its missing values. `config_path`: file
     of settings, or None. `average`: [s] length of the blocks over which the log is
     averaged; None: no averaging. `options`: settings by name; a setting whose value is
-    None keeps its value from the file or the vehicle. `form`: name of the filter.
-    `settings`: settings that override all others. `source`: where `settings` come from,
-    for messages. `strict`: raise UserError if channels contradict each other.
+    None keeps its value from the file or the vehicle. `form`: name of the filter, such as
+    "default". `settings`: settings that override all others. `source`: where `settings`
+    come from, for messages. `strict`: raise UserError if channels contradict each other.
     `calibrate`: options of the calibration: an uncalibrated car is calibrated on the log
     before the run; None: no calibration. `road`: road whose bank and grade the filter
     uses; None: the filter uses the columns bank and grade of the log, if it has them."""

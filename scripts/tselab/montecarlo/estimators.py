@@ -149,9 +149,10 @@ def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
     spread and change times of the drive, and the forgetting factor.
 
     The spread is the sd of a stiffness from sample to sample. The simulated spread is
-    proportional to the mean stiffness. The filter "known" (`changes` True) gets the
-    ratio, and multiplies it by its estimate. The filter "ekf" (`changes` False) gets the
-    true spread at the start of the drive, relative to nominal, and keeps it."""
+    proportional to the mean stiffness. The filter "known" (`changes` True) gets the ratio
+    spread / mean, and multiplies it by its estimate of the mean. The filter "ekf"
+    (`changes` False) gets the true spread at the start of the drive, relative to nominal,
+    and keeps it."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

@@ -38,7 +38,8 @@ class ReportInput:
     result: GapResult
     vehicle: str
     table: pd.DataFrame  # result of output.make_table()
-    parts: Mapping[str, Mapping[str, ChannelChange]]  # part of the logs -> channel -> change
+    # "fit" (fitted logs) or "held_out" -> channel -> change of its residuals by the run
+    parts: Mapping[str, Mapping[str, ChannelChange]]
     gain: Mapping[str, Any]  # result of output.compute_gain()
     # stiffness -> ratio of its value in the improved vehicle file to its value in the
     # vehicle file of the user
