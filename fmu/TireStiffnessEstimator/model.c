@@ -166,8 +166,8 @@ void model_list_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-/* Return the index of a parameter in model.set. Return -1 if the variable is not a member
- * of model.config. */
+/* Return the index of a parameter in model.set, the record of the parameters that the
+ * importer has set. Return -1 if the variable is not a member of model.config. */
 static int find_set_index(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);

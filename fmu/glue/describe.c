@@ -88,7 +88,7 @@ static const char *format_number(double x)
   static char text[40];
   for (int digits = 6; digits <= 17; digits++) {
     (void)snprintf(text, sizeof text, "%.*g", digits, x);
-    if (strtod(text, NULL) == x) break; /* equal in all bits */
+    if (strtod(text, NULL) == x) break;
   }
   return text;
 }

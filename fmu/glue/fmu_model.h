@@ -107,7 +107,8 @@ typedef enum fmu_result {
  * there is no such parameter. */
 const char *fmu_find_name(const char *setting);
 
-/* Write the range of a variable for messages, as "50 .. 50000 kg".   Returned: text */
+/* Write the range of a variable for messages. Example: "50 .. 50000 kg".
+ *   Returned:  text  the range; `text` is also the result of the function */
 #define FMU_RANGE 80 /* [bytes] max size of a range */
 const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE]);
 

@@ -41,7 +41,7 @@ MIN_SPEED = 3.0  # [m/s] min speed at which the compliances are updated
 def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Array]:
     """Return cx_front, cy_front, cy_rear and the sd of each (suffix _sd), row by row.
 
-    The filter does not estimate cx_front. Its columns have the initial value in all rows.
+    The filter does not estimate cx_front: cx_front and cx_front_sd are constant.
     """
     s = settings
     nominal = np.array([s["cornering_stiffness_front"], s["cornering_stiffness_rear"]])

@@ -14,8 +14,8 @@
  * The filters assume that the noise of different rows is independent. With the smaller
  * variance they would be overconfident, and take the correlated noise for a disturbance.
  * The particle filter therefore uses the noise sd of the settings also for interpolated
- * values. The default filter estimates the noise variance of a channel from the composed
- * rows. */
+ * values. The default filter does not: it estimates the noise variance of each channel
+ * from the composed rows. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 

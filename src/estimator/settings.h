@@ -10,7 +10,7 @@
 
 static inline tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
-/* Return a bit mask of the active effects: those whose strength is not 0. */
+/* Return a bit mask of the active effects: those with a strength other than 0. */
 uint64_t find_active_effects(const tse_config *c);
 
 #if !defined(TSE_NO_EFFECTS)

@@ -7,10 +7,10 @@
 /* Posterior of the amplitude w of an event. The event shifts the state by w v, v being
  * the sensitivity of the state (tse_event.v). A different road surface (EVENT_ROAD)
  * has a second amplitude w2, with the sensitivity v2, which shifts the state by w2 v2
- * in addition. The same samples determine both amplitudes, so that they are
- * correlated: for a given w, the mean of w2 is beside - part w. The mean shift of the
- * state for a given w is therefore w v + (beside - part w) v2 = w (v - part v2) +
- * beside v2. */
+ * in addition. The same samples determine both amplitudes, so that they are correlated.
+ * For a given w, the mean of w2 is beside - part w, with the members `beside` and `part`
+ * below. The mean shift of the state for a given w is therefore
+ * w v + (beside - part w) v2 = w (v - part v2) + beside v2. */
 typedef struct event_posterior {
   tse_real amplitude, var;     /* mean and variance of w */
   tse_real info, score;        /* info: information of the samples on w (1/variance).
@@ -56,9 +56,10 @@ int can_return(const tse_kalman *k);
 void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain,
     tse_real e, tse_real s, tse_real sd);
 
-/* Compute the probability of each event. In each group accept the most probable event if
- * the probability that some event has happened exceeds BELIEVED. Events that are too
- * small to need a reaction do not count. Then open new hypotheses. */
+/* Compute the probability of each event. The events form two groups, lateral and
+ * longitudinal (events.c). In each group accept the most probable event if the
+ * probability that some event of the group has happened exceeds BELIEVED. Events that are
+ * too small to need a reaction do not count. Then open new hypotheses. */
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 
 #endif

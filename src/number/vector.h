@@ -464,9 +464,10 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 
 /* Elements of a transition matrix (slopes) are in units of 2^-SLOPE_BITS. Their magnitude
  * is below 16, so that the sum of 32 products with a row is below 2^62 and fits an
- * int64_t. The results of r_unit() and r_over_unit() fit 32 bits, because the unit of a
- * state is at most 1, and r_over_unit() is called only for units of the states of the
- * motion, which are at least 2^-8. */
+ * int64_t. r_unit() returns unit/2, and r_over_unit() 2^-9/unit. Both must be below 1/2
+ * (convert_small_factor()). They are, because the unit of a state is below 1, and
+ * r_over_unit() is called only for units of the states of the motion, which are above
+ * 2^-8. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* number of bits of a slope, including integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }

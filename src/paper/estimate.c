@@ -4,8 +4,7 @@
 
 /* Return the sum of weight times value, saturated in fixed point. It is computed as
  * TSE_LANES partial sums: the compiler vectorises this loop, and the order of summation
- * is the same on every machine. The sum of the weights alone never saturates: there are
- * up to 2^16 weights, each at most 1. */
+ * is the same on every machine. */
 static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);
@@ -16,6 +15,7 @@ static tse_real sum_products(const tse_real *weight, const tse_real *value, int3
   return sum;
 }
 
+/* The sum never saturates: there are up to 2^16 weights, each at most 1. */
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
 {
   tse_real lane[TSE_LANES], total = TSE_R(0);
@@ -81,7 +81,9 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   }
   y->sideslip = r_max(r_abs(x[0]), r_abs(x[1])) < TSE_R(0.01) ? TSE_R(0) : r_atan2(x[1], x[0]);
 
-  const tse_real inv = r_div(f->nu, f->nu - TSE_R(4)); /* Lambda/(nu - d_w - 1) = lam nu/(nu - 4) */
+  /* The mean of the inverse-Wishart covariance of w is Lambda/(nu - d_w - 1) = lam inv,
+   * with Lambda = nu lam and the dimension d_w = 3 of w. */
+  const tse_real inv = r_div(f->nu, f->nu - TSE_R(4));
   for (int a = 0; a < 3; a++) {
     tse_real mean;
     compute_moments(f->weight, q->mu[a], count, total, &mean, &var);

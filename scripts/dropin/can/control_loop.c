@@ -87,7 +87,8 @@ int loop_work(control_loop *loop)
   loop->row.dt += loop->lost;
   const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
   if (status < 0) loop->refused++; /* the estimate is unchanged */
-  /* The time of a refused row is added to dt of the next row. */
+  /* If an input of the row is out of range, the filter has refused the row and has not
+   * advanced by its dt. This time is added to dt of the next row. */
   loop->lost = status == TSE_E_INPUT ? loop->row.dt : TSE_R(0);
   loop->rows++;
   loop->is_ready = 0;

@@ -74,8 +74,8 @@ def make_config(
 ) -> tuple[Config, list[str]]:
     """Return the settings of a run, and notes.
 
-    The notes state the settings that follow from the log, and the stated settings that
-    the filter does not use.
+    The notes name the settings that follow from the log, and the settings stated by the
+    user that the filter does not use.
 
     Parameters
     ----------

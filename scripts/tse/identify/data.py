@@ -1,13 +1,14 @@
 """Prepare logs for `tselab calibrate` and `tselab gap`.
 
-Inputs are smoothed, rows are divided into stretches (see FitStretch) and blocks, and the
-noise of the sensors is estimated.
+Inputs are smoothed, rows are divided into stretches (see FitStretch) and these into
+blocks of BLOCK_TIME, and the noise of the sensors is estimated.
 
 Inputs of the model are steering angle and wheel speeds. The tyre model differentiates
-them and so amplifies their noise. Longitudinal relaxation, a low pass, reduces it. So
-from inputs that are not smoothed, a fit would get too long a relaxation length. The
-smoothing spline is the fixed-interval (RTS) smoother of a signal whose derivative is a
-random walk. Its penalty is set by cross-validation: every second row is predicted from
+them and so amplifies their noise. Longitudinal relaxation is a low pass and reduces the
+noise. So from inputs that are not smoothed, a fit would get too long a relaxation length.
+
+The smoothing spline is the fixed-interval (RTS) smoother of a signal whose derivative is
+a random walk. Its penalty is set by cross-validation: every second row is predicted from
 the other rows.
 """
 
@@ -37,8 +38,9 @@ BLOCK_TIME = 0.04  # [s] length of a block; residuals are compared as means over
 BURN_IN = 1.0  # [s] first part of a stretch; not compared, because the initial state is unknown
 MIN_STRETCH_TIME = 3.0  # [s] shorter stretches are not used: their burn-in is too large a share
 MAX_HOLE = 0.1  # [s] a longer hole in an input ends a stretch
-# [m] sd of the Gaussian that smooths the curvature of a road in compute_curve_accel():
-# the bank, assumed to follow it, changes gradually at both ends of a curve.
+# [m] sd of the Gaussian that smooths the curvature of a road in compute_curve_accel().
+# A fit assumes that the bank is proportional to the smoothed curvature: the bank of a
+# road changes gradually at both ends of a curve.
 CURVE_LENGTH = 12.0
 
 

@@ -193,7 +193,7 @@ UNCERTAIN_SETTINGS = {
 # GRAVITY * g. Logs determine only the sum: scale error of the sensor + GRAVITY * g.
 # Key: name of the scale error. Value: name of g, and the factor of g in the sum
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
-SUPERELEVATION = "superelevation"  # lean of the roads of a log (see LEAN_MEAN); name_in_log() adds the index
+SUPERELEVATION = "superelevation"  # lean of a log's roads (LEAN_MEAN); name_in_log() adds the log's index
 
 
 def name_in_log(name: str, log: int) -> str:

@@ -49,8 +49,9 @@ def find_remainders(
 ) -> list[Remainder]:
     """Return the kind of error that remains in each channel.
 
-    `residuals` and `values` are the whitened residuals and the parameters of the fit. If
-    the ratio of residual rms to noise is at most `limit`, the error is noise.
+    `residuals`: whitened residuals of the fit. `values`: fitted parameters. `limit`: max
+    ratio of residual rms to sensor noise at which the error counts as noise without
+    further tests.
     """
     # Channel -> condition under which the residual of the channel is largest.
     # find_conditions() lists the strongest condition first. In the reversed list it comes
