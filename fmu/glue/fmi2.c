@@ -42,7 +42,7 @@ GLUE_CALL(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initializat
 
 /* ------------------------------------------------------------------------------------------ values */
 
-#define NO_MORE /* fmi2Get.. and fmi2Set.. have no arguments after `value` */
+#define NO_MORE /* fmi2Get.. and fmi2Set.. have no argument after `value`; those of FMI 3.0 have one */
 GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)

@@ -146,13 +146,13 @@ def read_shipped_digest() -> str:
 
 
 def compile_wasm(cc: list[str] | None = None) -> bytes:
-    """Compile the library to WebAssembly, unless it is up to date. Return the binary.
+    """Compile the library to WebAssembly, unless the binary is up to date. Return it.
 
     `cc`: compiler and its options; None: the first of find_compilers()."""
     write_library()
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or find_compilers()[0]
-    libc = ROOT / "tests" / "embedded" / "wasm"  # C functions that compiled code calls
+    libc = ROOT / "tests" / "embedded" / "wasm"  # string.h: memcpy() etc., which the library calls
     of = [
         repr((cc, FLAGS, LINK)).encode(),
         run_command([*cc, "--version"]).encode(),

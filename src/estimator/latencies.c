@@ -46,9 +46,9 @@ typedef struct reading_time {
 } reading_time;
 
 /* Compute the time to which a processed row refers. It is the newest time for which the
- * values of all channels have arrived, moved back to the last row of accel_x before it,
- * so that accel_x is not interpolated. This row is found from the setting sample_time. If
- * rows are not sample_time apart, accel_x is interpolated.
+ * values of all channels have arrived, moved back to the last sample of accel_x before
+ * it, so that accel_x is not interpolated. The time of this sample is computed from the
+ * setting sample_time. If rows are not sample_time apart, accel_x is interpolated.
  *
  * Interpolation would correlate the noise of accel_x in successive rows, and v_x would
  * follow this noise. In a test, interpolation of accel_x by half a row biased the
@@ -65,7 +65,7 @@ static reading_time compute_reading_time(const tse_config *c, const tse_setting 
   }
   if (r.earliest == r.latest) return r;
   const tse_setting rows = r_div(latency[r.latest] - latency[TSE_CHANNEL_accel_x], c->sample_time);
-  const int32_t whole = r_floor_to_int(rows + TSE_S(0.999)); /* round up, but 3.001 to 3 */
+  const int32_t whole = r_floor_to_int(rows + TSE_S(0.999)); /* round up; ignore fractions < 0.001 */
   r.age = latency[TSE_CHANNEL_accel_x] + r_mul(r_from_int(whole), c->sample_time);
   if (r.age < latency[r.latest]) r.age = latency[r.latest];
   r.span = r.age - latency[r.earliest];

@@ -32,8 +32,8 @@ int is_usable(const tse_kalman *k, int channel)
 }
 
 /* See faults.h. The yaw rate contradicts the steering angle if the low-passed innovation
- * of the yaw rate (tse_kalman.slow) was too large in the previous row: if its square
- * exceeds TAIL times its usual mean square. */
+ * `slow` of the yaw rate was too large in the previous row: slow^2 > TAIL usual slow_var.
+ * slow_var is the variance of slow, usual the recent mean of slow^2/slow_var. */
 int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], MIN_SLOW_VAR));

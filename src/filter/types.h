@@ -7,7 +7,7 @@
 #include "filter/limits.h"
 #include "filter/ud.h"
 
-/* Prevent inlining of a function that processes a part of the row. If these functions
+/* Prevent inlining of a function that processes a part of a log row. If these functions
  * were inlined, the stack would hold all their frames at once, up to 1 kB on a Cortex-M4,
  * although only one of them is in use at a time. */
 #if defined(__GNUC__)
@@ -57,7 +57,7 @@ enum {
   EVENT_SLIP_FRONT,     /* front wheels lock or spin */
   EVENT_SLIP_REAR,      /* rear wheels lock or spin */
   EVENT_STEER,          /* faulty steering angle */
-  EVENT_SENSOR,         /* faulty ACCEL_X. The kinds for the other sensors follow in their order */
+  EVENT_SENSOR,         /* faulty ACCEL_X. EVENT_SENSOR + i: faulty sensor i = ACCEL_X .. WHEEL_REAR */
   EVENT_KINDS = HAS_SLIP ? EVENT_SENSOR + TSE_SENSORS : EVENT_ROAD_RETURN
 };
 
@@ -76,7 +76,7 @@ enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 
 /* A scalar measurement. h and consider are partial derivatives of its prediction. */
 typedef struct scalar {
-  int32_t along;                     /* 1: no braking: longitudinal channels are evidence of tyre changes */
+  int32_t along;                     /* 1: no braking, so that longitudinal channels show tyre changes */
   tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
   tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
   tse_real e;                        /* innovation */

@@ -57,7 +57,7 @@ void ud_renew(tse_ud *p, tse_real variance)
 }
 #endif
 
-/* Add c a a' to the covariance of the extra states.
+/* Add c a a' to the covariance of the extra states (described in ud.h).
  *   Given:    up  the elements of a are stored times 2^up (fixed point only)
  *   Updated:  a   overwritten with intermediate results */
 static void add_to_extras(tse_ud *p, tse_short *a, int up, tse_real c)
@@ -141,7 +141,7 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
   const int up = r_scale_of(a, last + 1, r_scale_of(a + STATES, EXTRAS_IN_USE(p), 64));
   for (int j = 0; j <= last; j++) row[j] = r_short_scaled(a[j], up);
   for (int j = STATES; j < STATES + EXTRAS_IN_USE(p); j++) row[j] = r_short_scaled(a[j], up);
-  for (int j = last; j >= 0; j--) { /* process two columns at once if a is not 0 in both */
+  for (int j = last; j >= 0; j--) { /* take columns j and j - 1 together if a_j and a_(j-1) are not 0 */
     r_factored share[2], pull[2];
     if (!take_part(p, row, up, j, &c, &share[0], &pull[0]) || j == 0) continue;
     tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j - 1)] };
@@ -187,9 +187,9 @@ typedef struct sums {
   tse_real variance[2 * MOTION];
 } sums;
 
-/* Compute the rows of the motion (0 .. MOTION - 1) of the product F U, F being the
+/* Compute the rows of the motion states (0 .. MOTION - 1) of the product F U. F is the
  * transition matrix.
- *   Given:     M  rows of the motion of F
+ *   Given:     M  rows of F for the motion states
  *   Updated:   p  in these rows, columns MOTION .. STATES - 1 of U are replaced by F U
  *   Returned:  s  columns 0 .. MOTION - 1 of F U, which are not triangular */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)

@@ -40,8 +40,8 @@ static inline tse_real steering_delay_input(
 
 /* steering_lag: two first-order lags in series between the logged angle and the wheels.
  * The time constant of the first lag is T = time/(1 + second), that of the second lag is
- * `second` times T. Their sum is `time`. If `second` is 0, there is one lag. The first lag
- * is T delta_e' = delta - delta_e (`lagged` in laws.h). Typical time 20 .. 60 ms. */
+ * `second` times T. Their sum is `time`. If `second` is 0, there is one lag. The first
+ * lag is T delta_e' = delta - delta_e (`lagged` in laws.h). Typical time 20 .. 60 ms. */
 static inline tse_real steering_lag_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -126,7 +126,7 @@ static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
 }
 
 /* longitudinal_relaxation: the slip s of a tyre follows the kinematic slip k over a
- * length: s' = (v/length)(k - s), v = max(|v_x|, |R omega|, 1 m/s). Typical length
+ * length: s' = (v/length)(k - s), v = max(|vx|, |R omega|, 1 m/s). Typical length
  * 0.1 .. 0.4 m, which includes the lag of the driveline. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
@@ -171,8 +171,8 @@ static inline void combined_slip_stiffness(point *pt)
  * c is (1 + q^2 + q^4)^(-1/4) for shape = 1. For shape = 0 it is 1 - q/3 + q^2/27 up to
  * q = 3, then 1/q (tyre_secant in laws.h). C is the stiffness after load transfer. Load
  * transfer therefore reduces the force at small slip angles, but not the max force.
- * 1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear. Typical
- * friction 1 .. 1.1, balance -0.15 .. 0.15. */
+ * 1/friction is multiplied by 1 + balance in front and by 1 - balance in the rear.
+ * Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -340,9 +340,9 @@ static inline void body_roll_remember(
 }
 
 /* pitch_leak: the nose rises by gain x. x is the longitudinal specific force after a
- * second-order lag (mode_step in laws.h). Gravity, and the acceleration of an IMU
- * above the pitch axis, add gain (g x - height x'') to accel_x. Typical gain 1.5 .. 3
- * degrees per g. */
+ * second-order lag (mode_step in laws.h). `height` is the height of the IMU above the
+ * pitch axis. Gravity and the pitch acceleration add gain (g x - height x'') to accel_x.
+ * Typical gain 1.5 .. 3 degrees per g. */
 static inline void pitch_leak_sensor(reading *z)
 {
   z->y[0] += pitch_read(&z->pt->p->car, z->m->mode[MODE_PITCH], z->pt->force.x);

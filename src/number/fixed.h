@@ -24,7 +24,7 @@
 #if defined(TSE_REAL_FIXED)
 
 #define FIXED_BITS TSE_FRACTION_BITS
-#define FIXED_ROOM 4 /* number of bits that a result leaves free, so that native sums do not overflow */
+#define FIXED_ROOM 4 /* number of bits that a result leaves free, so that sums by C's + do not overflow */
 #define FIXED_MOST ((int64_t)1 << (63 - FIXED_ROOM))
 #define FIXED_ONE ((int64_t)1 << FIXED_BITS)
 #define FIXED_NAN INT64_MIN /* NaN: occurs in inputs only, never as a result */
@@ -184,8 +184,8 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return f
 #endif
 
 /* Return the product of two fixed-point numbers.
- *   Given:  a, b  results of functions of this file, or native sums of at most fifteen
- *                 such results */
+ *   Given:  a, b  results of functions of this file, or sums (by C's +) of at most
+ *                 fifteen such results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
   return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b));

@@ -1,7 +1,7 @@
 /* paper/weigh.c - equations (22), (23): weight each particle by its likelihood. */
 #include "paper/paper.h"
 
-#define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight / largest weight: smaller ones are negligible */
+#define MIN_LOG2_WEIGHT TSE_R(-120) /* min log2(weight / largest weight); smaller weights are negligible */
 
 /* Return g(x) = Gamma(x + 1/2)/Gamma(x), x >= 2. g(x + 4) is computed by the asymptotic
  * series for large arguments. The recursion g(x) = g(x + 1) x/(x + 1/2) then gives g(x).
@@ -24,8 +24,8 @@ static tse_real compute_gamma_ratio(tse_real x)
 }
 
 /* Return log2 of the factor of the Student-t density that is common to all particles. If
- * d channels are used, it is
- *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |P + R|^(-1/2),
+ * d_y channels are used, it is
+ *   Gamma((nut + d_y)/2)/Gamma(nut/2) (pi nut)^(-d_y/2) |P + R|^(-1/2),
  * divided by the product of the sds of the sensors. The division converts the density
  * from measurements in sds of the sensors to measurements in SI units. */
 static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
@@ -40,9 +40,10 @@ static tse_real compute_log2_common(const tse_params *p, const common *n, const 
           r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* The determinant |S| is computed from all three channels. For a missing channel the
-   * row of d is 0, so that the channel contributes the factor n->r, the scale of the
-   * noise, to |S|. Remove this factor. */
+  /* weigh_all() computes |S| from all three channels. S is the scale matrix of the
+   * whitened innovation. For a missing channel the row of the matrix d of (9) is 0, so
+   * that the channel contributes the factor n->r, the scale of the noise, to |S|. Remove
+   * this factor. */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
@@ -55,7 +56,8 @@ static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRI
   const int32_t count = pad_count(p->particles);
   for (int32_t i = 0; i < count; i++) {
     const innovation e = compute_innovation(p, c, y, q, i);
-    /* add -log2|S|/2 - (nut + d)/2 log2(1 + q/nut), d: number of measurements */
+    /* add -log2|S|/2 - (nut + d_y)/2 log2(1 + e.q/nut), d_y: number of channels used,
+     * e.q: innovation' S^-1 innovation */
     q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
         - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
   }

@@ -164,7 +164,8 @@ def _collect_start(
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
         # The written rear longitudinal stiffness [N] is the fitted value times
-        # compute_rear_factor(). Its mean and sd here are multiplied by the same factor.
+        # compute_rear_factor(). Mean and sd of the prior are multiplied by the same
+        # factor.
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)

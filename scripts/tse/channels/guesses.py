@@ -112,13 +112,13 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
     """Return the signs of yaw_rate, accel_y and accel_x, and whether the sign of yaw_rate
     was tested.
 
-    A sign is -1 if the logged signal is positive to the right or backwards. It is that of
-    the correlation
+    A sign is -1 if the logged signal is positive to the right or backwards. It is the
+    sign of the correlation
       - of yaw_rate with right - left wheel speed. If |correlation| is 0.7 or less, the
-        rate of the GNSS course is used instead; if 0.7 or less too, the sign is an
-        untested 1.
-      - of accel_y with v r, r with its sign corrected. If |correlation| is 0.7 or less,
-        accel_y has the sign of yaw_rate.
+        rate of the GNSS course is used instead. If this |correlation| is 0.7 or less,
+        too, the sign is 1, but not tested.
+      - of accel_y with v r. v: speed, r: yaw rate with its sign corrected. If
+        |correlation| is 0.7 or less, accel_y has the sign of yaw_rate.
       - of accel_x with dv/dt. If |correlation| is 0.5 or less, the sign is 1.
     `facts`: result of measure_slopes()."""
     turn = facts.get("track_corr", 0.0)

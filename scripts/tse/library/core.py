@@ -29,7 +29,7 @@ STRUCT_COUNT = 14
 # TSE_CY_REAR
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
-GRIP = "grip"  # output that is valid in rows with grip_valid = 1
+GRIP = "grip"  # name of an output that, like each stiffness, has its own validity (grip_valid)
 # Key: stiffness. Value: setting with its nominal value. The library returns estimates as
 # ratios to the nominal value
 NOMINAL = {
@@ -56,10 +56,10 @@ class Field:
 
     name: str
     # s: setting (tse_setting), r: tse_real, i: int32, u: uint32, p: pointer to an array,
-    # o: pointer to an array or NULL. Row of a list: c, but n, s, p or m in FORMULA_OP
-    # (Library.__init__ translates these)
+    # o: pointer to an array or NULL. Row of a list: c. Row of the list FORMULA_OP: n, s,
+    # p or m, for NUMBER, SIGNAL, PLAIN or MEMORY (FormulaOp.kind)
     kind: str
-    offset: int  # [bytes] from the start of the struct. Row of a list: its code, or a limit
+    offset: int  # [bytes] from the start of the struct. Row of a list: its code; FORMULA_LIMIT: the limit
     default: float
     low: float
     high: float

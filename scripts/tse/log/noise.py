@@ -132,8 +132,9 @@ def _measure_scale(x: np.ndarray) -> float:
 def _find_hold(x: np.ndarray, scale: float) -> int:
     """Return the hold: the number of rows over which x is constant or on a straight line.
 
-    If each sample is held (or interpolated) over k rows, the share 1 - 1/k of the first
-    (or second) differences of x is 0. k follows from the larger one of both shares.
+    If each sample is held over k rows, the share 1 - 1/k of the first differences of x is
+    0. If x is interpolated linearly between samples, this is the share of the second
+    differences that are 0. k follows from the larger one of both shares.
     Differences below 0.001 `scale` count as 0. `scale`: size of the variation of x. If x
     is an input of the model (DRIVES), it is the sd of the change of x from row to row,
     otherwise the result of _measure_scale()."""

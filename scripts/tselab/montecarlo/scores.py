@@ -58,7 +58,7 @@ SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for
 #                       or with the status that a measurement is missing
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 # a change of regime (a change of the stiffness, or a restart of the filter) counts as
-# reported if its probability is at least this
+# reported if the output change_probability is at least this
 SURE = 0.9
 SCORED_STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes with less time between them count as one change
@@ -158,8 +158,8 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_grip(use: np.ndarray) -> np.ndarray:
-    """Return (secant stiffness / stiffness at zero slip) of the tyre of the simulator, by
-    the formula of grip() in src/host/simulate.c. Secant stiffness is force / slip.
+    """Return secant stiffness (force / slip) / stiffness at zero slip of a simulated
+    tyre, by the formula of compute_grip_share() in src/model/effects.h.
 
     `use`: ratio of the force of a linear tyre to the friction limit."""
     z = use / 3

@@ -30,8 +30,9 @@ MIN_WINDOWS = 20
 # the car's lateral acceleration. If it is larger, the disturbance follows the motion of
 # the car. So it comes from the car, not from the road, and the bank is ranked last.
 MAX_FOLLOWED = 0.5
-# [blocks] Time between the points at which a disturbance is estimated. Between two points
-# it is interpolated linearly, so it is a sum of triangular functions (hats).
+# [blocks of BLOCK_TIME] Time between the points at which a disturbance is estimated.
+# Between two points it is interpolated linearly, so it is a sum of triangular functions
+# (hats).
 HAT = 10
 # name of a place in the report -> argument `place` of compute_responses()
 PLACES = {
@@ -69,9 +70,9 @@ class Entry:
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Return the signals whose high or low values can be a condition under which a
-    residual is large (Condition). The result is a dict: name -> array of block means,
-    with one element for each element of the residual vector. The signals come from inputs
-    and simulation.
+    residual is large (Condition). The result is a dict: name -> array of means
+    over blocks of BLOCK_TIME, with one element for each element of the residual vector.
+    The signals come from inputs and simulation.
 
     No measurement is used as a signal. A residual contains the noise of its measurement,
     so the two would be correlated even if the model were perfect.
@@ -155,8 +156,9 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
         change = compute_responses(problem, last.values, at, id_, hats)
         # Project the part that the fitted parameters could explain out of responses and
         # residuals. For each log, `parts` then has: singular values and right singular
-        # vectors of the responses, minus the components of the residuals along the left
-        # singular vectors, and the sum of squared residuals.
+        # vectors of the responses; components, along the left singular vectors, of the
+        # residuals with opposite sign, because the responses must cancel the residuals;
+        # sum of squared residuals.
         parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])
