@@ -12,8 +12,8 @@
 
 /* Propagate the sensitivities over the time step dt of a row.
  *   Given:  M  transition matrix in units of the states: first the columns of the states,
- *              as for ud_move(), then the partial derivatives with respect to the consider
- *              parameters, in the number format of r_short() */
+ *              as for ud_move(), then the partial derivatives with respect to the
+ *              consider parameters, in the number format of r_short() */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
 /* Return whether, for each event and consider parameter, the sum of squares of the

@@ -174,7 +174,9 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return (void)from, (void)right, sum;
 }
 
-/* Sums of products, one term after the other: see the fixed-point version below. */
+/* Sums of products that car.c forms term by term: r_start() or r_product(), then r_plus()
+ * and r_minus(), at the end r_end() or r_end_rate(). The fixed-point version below
+ * explains the units. */
 typedef tse_real r_coefficient;
 typedef tse_real r_total;
 static inline r_coefficient r_coef(tse_real x) { return x; }
