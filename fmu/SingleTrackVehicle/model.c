@@ -98,7 +98,8 @@ void model_note_set(model *m, const fmu_variable *v, double value)
   (void)value;
 }
 
-/* Compute the outputs in SI units. */
+/* Compute the true stiffnesses [N, N/rad] from those relative to nominal: the mean
+ * stiffness and the stiffness drawn for this row. */
 static void derive_outputs(model *m)
 {
   tse_output relative;
@@ -195,6 +196,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 int model_check(const model *m, int started)
 {
   if (!started) return 1;
+  /* the time derivatives of all inputs must be finite: x - x is 0 only for a finite x */
   const double *const rate = &m->rate.dt, *const end = (const double *)(&m->rate + 1);
   for (const double *at = rate; at < end; at++)
     if (!(*at - *at == 0.0)) return 0;

@@ -27,6 +27,7 @@ from tselab.montecarlo.case import INITIAL_SETTINGS, Case, CaseDrive, simulate_c
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL_CASE, studies.NOISE_3X, studies.LOW, studies.ROAD_CHANGE_CASE)
+# Key: filter. Value: cases on which it runs
 FORMS = {"default": CASES, "paper": (studies.NOMINAL_CASE,)}
 # Key: filter. Value: seeds of its random numbers. The filter runs on each drive once with
 # each seed, and the RMS error is computed over all runs. The particle filter "paper" has

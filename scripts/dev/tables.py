@@ -86,7 +86,8 @@ def read_settings(name: str) -> dict[str, Row]:
     filter: filters whose estimates depend on the setting; "both" if the TOML file has no
     such column;
     unit, replaced_by: "" if the TOML file has no such column;
-    text: names the filter that does not use the setting, if any (ONLY).
+    text: text of the TOML file; in the tables ONLY_IN, a text of ONLY is appended if one
+    of the filters does not use the setting.
     """
     table = read(name)
     if name == "formula":

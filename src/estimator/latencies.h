@@ -15,7 +15,7 @@ tse_status check_latencies(const tse_config *c, const char **wrong);
 
 /* Compute ages [s] at the time of the newest row. p->latency: age of the row that is then
  * processed. p->latency_age: for each channel, time since the value in the processed row
- * was logged. */
+ * was logged. Also compute p->velocity_late, p->latency_span and p->latency_least. */
 void prepare_latencies(const tse_config *c, tse_params *p);
 
 #endif

@@ -165,6 +165,8 @@ static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(
  *   Returned:  TSE_OK; or TSE_E_FORMAT and *wrong, the name of a setting to change */
 static tse_status check_range(const tse_params *p, const tse_config *c, const char **wrong)
 {
+  /* In the last two rows, FIXED_MOST > 1 marks a value that is too small. 64 is a raw
+   * number in units of 2^-32 */
   const struct {
     tse_real value, max;
     const char *name;

@@ -67,8 +67,9 @@ void ud_fade(tse_ud *p, int i, tse_real share);
 void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
 /* Propagate the covariance to F P F' + Q.
- *   Given:   M      first MOTION rows of F, in the number format that r_slope() returns.
- *                   The other rows of F equal the rows of the identity matrix
+ *   Given:   M      first MOTION rows of F, in the number format of r_slope()
+ *                   (number/vector.h). The other rows of F equal those of the identity
+ *                   matrix
  *            noise  diagonal of Q for the first MOTION states
  *   O(MOTION * STATES^2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);

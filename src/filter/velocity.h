@@ -4,8 +4,9 @@
 
 #include "filter/types.h"
 
-/* Predict the extra states to the time of the row. They are needed only for measured
- * velocities, an optional input. */
+/* Predict the extra states to the time of the row. They are heading, model discrepancy of
+ * the lateral speed, and errors of the velocity sensor (velocity.c). They are in use only
+ * after a velocity, an optional input, has been measured. */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Discard the heading and the stored past motion. Call it when the
@@ -13,11 +14,12 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 void velocity_lose(tse_kalman *k);
 
 /* Update the filter with the velocities of this row.
- *   Updated:  change  as in use_scalar() */
+ *   Updated:  change  sum of the corrections of this row, in units of the state */
 void velocity_update(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]);
 
-/* Return the rejected velocity, numbered as in tse_output.fault_channel, or NO_FAULT. */
+/* Return the number of the first velocity channel whose value is rejected, as in
+ * tse_output.fault_channel. Return NO_FAULT if none is rejected. */
 int32_t velocity_fault(const tse_kalman *k);
 
 /* Return the model discrepancy of the lateral speed [m/s]. */

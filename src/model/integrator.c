@@ -4,7 +4,7 @@
 #include "model/effects.h"
 
 /* State vector: vx, vy, r; from index TURNS on the wheel speeds R omega, front and rear;
- * from index LAGS on the four LAG states (effects.h). */
+ * from index LAGS on the four LAG states: lagged slip angles and slips (effects.h). */
 enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
 /* Return the brake torque of axle a times R/J [m/s2], as in wheels.brake.
@@ -130,10 +130,11 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
                            : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* For LAG state i, k is own[i] + b[i] dalpha. dalpha is the rate of change of its
-   * kinematic slip or slip angle that follows from k[0] .. k[TURNS + 1]. With the
-   * denominator v of slip or slip angle: d alpha/d vy = -1/v, d alpha/d r = -lf/v
-   * in front and lr/v in the rear, d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+  /* For LAG state i, k is own[i] + b[i] dalpha. own[i] is the part of k at constant
+   * kinematic slip or slip angle. dalpha is the rate of change of this slip or slip angle
+   * that follows from k[0] .. k[TURNS + 1]. With the denominator v of slip or slip angle:
+   * d alpha/d vy = -1/v, d alpha/d r = -lf/v in front and lr/v in the rear,
+   * d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);

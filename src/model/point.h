@@ -40,7 +40,7 @@ typedef struct point {
   const tse_params *p;        /* the car */
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
-  inputs u;                   /* [rad] road-wheel angle after hook INPUT; [m/s] wheel speeds R omega */
+  inputs u;                   /* [rad] road-wheel angle with steering effects; [m/s] wheel speeds R omega */
   tse_real ahead;             /* [s] time of this point minus time of the last update of the memory */
   given g;
   wheels w;

@@ -52,7 +52,7 @@ typedef struct stiffness {
 
 /* Return the stiffness C = C_nominal (1 + w). w is the relative deviation: w0 of the
  * front longitudinal stiffness, w1 of the front and w2 of the rear cornering stiffness.
- * The deviation of the rear longitudinal stiffness is `follow` times w0. */
+ * The deviation of the rear longitudinal stiffness is p->follow times w0. */
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
   stiffness k;
@@ -82,8 +82,9 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
 }
 
 /* Matrix 1 - g h J of the integration method ROS2 (see the constant ROS2 below) for the
- * states (vy, r), and the reciprocal of its determinant. h is the step. J is the part of
- * the Jacobian that describes the damping of these two states by the tyres. */
+ * states (vy, r), and the reciprocal of its determinant. h is the step. J has the partial
+ * derivatives, with respect to vy and r, of the forces and yaw moment of the tyres and of
+ * the term -vx r in vy'. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;

@@ -1,7 +1,8 @@
-"""Describe the result of a run in three aligned lines, the answer.
+"""Describe the result of a run by three aligned lines for each stretch of road.
 
 Each line has a stiffness, its 95 % interval, and whether it is usable. The stiffnesses
-are the lateral ones of front and rear axle, and the longitudinal one of the driven axle.
+are the cornering stiffnesses of front and rear axle, and the longitudinal stiffness of
+the driven axle.
 """
 
 from __future__ import annotations
@@ -83,8 +84,8 @@ def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
 
     The smoothed value is returned if it is valid. Otherwise, the filter's Verdict.value
     (normally at the end of the stretch) is returned if its level is "partly" or "good".
-    If its level is "none", the smoothed value is returned all the same. A particle filter
-    has no smoothed value, so Verdict.value is returned."""
+    If its level is "none", neither value is usable, and the smoothed one is returned. A
+    particle filter has no smoothed value, so Verdict.value is returned."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 

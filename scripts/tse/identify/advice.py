@@ -163,6 +163,9 @@ def compute_sd_after(
 def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> dict[str, float]:
     """Return the sds (Offer.sd) that would result if the logs also had a measured lateral
     velocity.
+
+    Its residuals are assumed to have the rms of its slow error, LASTING_ERROR_SHARE times
+    ins_velocity_sd, and the same ratio of sd to rms as those of the yaw rate.
     """
     logs = [
         replace(
@@ -226,7 +229,7 @@ def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) ->
         for a in ("front", "rear")
     }
     measured = {c: np.zeros(len(time)) for c in MEASURED if c in problem.channels}
-    used = time >= BURN_IN
+    used = time >= BURN_IN  # moved below to the start of the next block
     used[: int(np.argmax(used)) // like.rows_per_block * like.rows_per_block + like.rows_per_block] = False
     return PreparedLog(
         Path("manoeuvre"), time, {"steer_angle": steer(time), **spin}, measured, like.noise,

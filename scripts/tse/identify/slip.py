@@ -337,6 +337,7 @@ class _Car:
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
         self.base, self.mass = c.lf + c.lr, c.mass
         self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # [m/s2] front, rear
+        # height of the centre of gravity / wheelbase
         self.height = float(vehicle.facts.get("cg_height", ordinary["cg_height"])) / self.base
         # [s2/m] relative increase of the ratio of front to rear rolling radius by load
         # transfer, per m/s2 of (drive force / mass)
@@ -351,6 +352,7 @@ class _Car:
         self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]
         z = np.linspace(0.0, 1.0, 400)  # normalised slip of the brush model, up to full sliding
         brush, other = 1.0 - z + z * z / 3.0, (1.0 + 9.0 * z**2 + 81.0 * z**4) ** -0.25
+        # force / grip at the slip z: of a linear tyre, and of the tyre
         self.curve = 3.0 * z, 3.0 * z * (brush + shape * (other - brush))
 
     def compute_slip(

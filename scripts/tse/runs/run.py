@@ -153,6 +153,7 @@ class _Chain:
         state after the previous drive of the car."""
         reading, plan = self.plan.reading, self.plan
         vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
+        # logs on which the car is calibrated together with the log of this drive
         mine = (
             [d for d in self.drives if d.vehicle == drive.vehicle and not d.error][1:MAX_CALIBRATION_LOGS]
             if plan.learn

@@ -5,8 +5,9 @@ Bank and grade change the measurements as much as a change of the tyres does, bu
 more slowly. A fit on level roads would explain them by a scale error of accel_y or by
 different tyres. Therefore road and car are fitted together.
 
-A fit of the road after the fit of the car could not correct this: the wrong car has
-residuals of the yaw rate, on which bank and grade have no direct influence.
+A fit of the road after the fit of the car could not correct this: the parameters of the
+car would stay wrong and cause residuals of the yaw rate. Bank and grade cannot explain
+these residuals, because they do not act on the yaw rate directly.
 """
 
 from __future__ import annotations

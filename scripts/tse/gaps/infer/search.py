@@ -67,7 +67,7 @@ class Judged:
     """
 
     effects: tuple[Hypothesis, ...]
-    values: dict[str, float]
+    values: dict[str, float]  # parameter -> fitted value in the simulation
     covariance: np.ndarray  # covariance of the values
     evidence: float  # [nat] ln evidence, including ln of the prior odds of the effects
     space: Space | None = None  # None if the set was not fitted
@@ -268,7 +268,7 @@ class Search:
     """
 
     problem: Problem
-    asked: Sequence[Hypothesis]
+    asked: Sequence[Hypothesis]  # all effects that a set may have
     say: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Judged] = field(default_factory=dict)  # sets that were fitted
     # sets whose evidence was approximated from the fit of the best set
