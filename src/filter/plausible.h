@@ -6,8 +6,8 @@
 
 /* Compare the channels of a row with each other, to find channels with a wrong unit or
  * sign, and wheel speeds of the wrong axle.
- *   Given:     no_second  1: only one wheel speed is measured, so that the speeds of the
- *                         axles are not compared
+ *   Given:     no_second  1: the wheel speeds of the two axles cannot be compared
+ *                         (decoded.no_second)
  *   Updated:   k->agreement
  *   O(1) time */
 STAGE void check_agreement(

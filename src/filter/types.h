@@ -77,8 +77,8 @@ enum { NO_SENSOR_LONGITUDINAL = -1, NO_SENSOR_LATERAL = -2 };
 /* A scalar measurement. h and consider are partial derivatives of its prediction. */
 typedef struct scalar {
   int32_t along;                     /* 1: no braking, so that longitudinal channels show tyre changes */
-  tse_real h[TSE_ALL];               /* partial derivatives with respect to the state, per state_unit */
-  tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to the consider parameters, per sd */
+  tse_real h[TSE_ALL];               /* partial derivatives with respect to state / state_unit */
+  tse_real consider[TSE_CONSIDERED]; /* partial derivatives with respect to consider parameter / its sd */
   tse_real e;                        /* innovation */
   tse_real r;                        /* variance of noise and model discrepancy together */
   tse_real white;                    /* variance of the noise alone */

@@ -163,9 +163,9 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        # The written rear longitudinal stiffness [N] is the fitted value times
-        # compute_rear_factor(). Mean and sd of the prior are multiplied by the same
-        # factor.
+        # The calibrated car is to be used for other logs. The written rear longitudinal
+        # stiffness [N] is the fitted value times compute_rear_factor(). Mean and sd of
+        # the prior are multiplied by the same factor.
         rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)

@@ -63,9 +63,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 # An MDF 4 file consists of blocks. Kinds of blocks: data group (DG), channel group (CG),
 # channel (CN), list of data blocks (DL), header of a list of DL (HL), file history (FH).
-# A link is the position [bytes] of a block; 0: none. Link 0 of a block leads to the next
-# block of its list (in an HL: to the first DL), other links lead to the first blocks of
-# sublists.
+# A link is the position [bytes] of a block. The position 0 means that there is no block.
+# The link with index 0 of a block leads to the next block of its list (in an HL: to the
+# first DL), other links lead to the first blocks of sublists.
 # Kind of a block -> for each checked sublist: index of its link, kinds of its first block
 CHILD_BLOCKS = {
     b"##DG": ((1, (b"##CG",)), (2, (b"##DL", b"##HL"))),
@@ -85,8 +85,7 @@ LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")
 def _check_chains(path: Path) -> None:
     """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
-    asammdf would follow such a list for ever. Link 0 of a block leads to the next block
-    of its list, further links lead to the first blocks of other lists."""
+    asammdf would follow such a list for ever."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
