@@ -10,6 +10,8 @@
 
 #include "model/point.h"
 
+#if !defined(TSE_NO_EFFECTS)
+
 /* steering_ratio: the wheels have the angle delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
@@ -394,4 +396,5 @@ static inline void imu_delay_sensor(reading *z)
     X(imu_scale_ay) X(gyro_scale) X(imu_delay)
 // clang-format on: end of table
 
+#endif
 #endif

@@ -11,14 +11,13 @@
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
+#include "model/catalogue.h"
+#include "model/formula.h"
 #include "model/point.h"
 
 static inline int effect_is_on(const tse_effects *e, int effect) { return (int)((e->mask >> effect) & 1u); }
 
 #if !defined(TSE_NO_EFFECTS)
-
-#include "model/catalogue.h"
-#include "model/formula.h"
 
 /* EFFECTS_INPUT(INPUT_ON) calls the functions of the active effects of hook INPUT, in the
  * order of the table of effects. EFFECTS_INPUT (catalogue.h) lists the effects of the

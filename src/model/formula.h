@@ -15,6 +15,8 @@
 #include "model/point.h"
 #include "tables/formula.h"
 
+#if !defined(TSE_NO_EFFECTS)
+
 #define MAX_FORMULA_VALUE TSE_R(1e6) /* formula_clip() sets larger magnitudes, and NaN, to 0 */
 
 /* State of one evaluation of the formula. */
@@ -276,4 +278,5 @@ static inline void formula_remember(tse_effect_memory *m, const point *pt, int r
   m->formula_accel[1] = pt->force.y;
 }
 
+#endif
 #endif
