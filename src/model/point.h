@@ -41,7 +41,7 @@ typedef struct point {
   const tse_effect_memory *m; /* memory of the effects */
   tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
   inputs u;                   /* [rad] road-wheel angle with steering effects; [m/s] wheel speeds R omega */
-  tse_real ahead;             /* [s] time of this point minus time of the last update of the memory */
+  tse_real ahead;             /* [s] time of this point minus time of the last update of m */
   given g;
   wheels w;
   tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */

@@ -448,7 +448,7 @@ struct tse_filter {
   tse_real ratio; /* [1] front / rear wheel speed in the last row in which both changed; 0: unknown */
   tse_real gaps;  /* [1] number of recent gaps (count_gaps()); decays with the time constant USUAL_TIME */
   tse_way way;
-  tse_real seen;    /* particle filter: number of samples learnt so far, at most 5 * tse_params.memory */
+  tse_real seen;    /* particle filter: number of rows that have updated it, at most 5 * tse_params.memory */
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* state of the Kalman filter */

@@ -1,6 +1,6 @@
 /* paper/learn.c - equations (25), (16), (17): draw w, the relative deviation of each
- * stiffness from its nominal value, given the sample; update the statistics of w (gamma,
- * nu, mu, Lambda); forget old samples. Particles are processed in runs of RUN particles,
+ * stiffness from its nominal value, given the measurements of the row; update the
+ * statistics of w (gamma, nu, mu, Lambda); forget old rows in them. Particles are processed in runs of RUN particles,
  * so that their random numbers stay in the cache. */
 #include "paper/paper.h"
 #include "number/random.h"
@@ -147,10 +147,10 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
       p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return the ratio of the mean square of the low-passed innovations (time constant
- * SLOW_TIME, mean over the channels) to the mean square that low-passed white noise of
- * variance 1 would have. The ratio is large while successive innovations are
- * correlated. */
+/* Low-pass the innovations, in sds of the sensor noise, with the time constant SLOW_TIME.
+ * Return their mean square over the channels, divided by the mean square that white noise
+ * of variance 1 would have after the same low pass. The ratio is large while successive
+ * innovations are correlated. */
 static tse_real compute_persistence(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {

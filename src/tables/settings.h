@@ -1,12 +1,12 @@
-/* tables/settings.h - lists of all settings, as macros whose arguments are macros. The
- * tables of settings.c, of tse_describe() and of the FMUs define these arguments:
- *   SETTINGS_...       REAL for a real setting and WHOLE for an integer setting, with the
- *                      arguments (name in an FMU, member, default, exact, min, max, unit,
- *                      text)
- *   EFFECT_PARAMETERS  parameters of effects (effects.toml). ROW(REAL, effect, parameter,
- *                      default, exact, min, max, unit, text, strength, sign, typical min,
- *                      typical max, negligible); the last five are explained at
- *                      tse_effect_parameter (tse/describe.h)
+/* tables/settings.h - lists of all settings, as macros whose arguments are macros. A list
+ * calls one of its arguments for each setting:
+ *   SETTINGS_...       calls REAL for a real setting and WHOLE for an integer setting, with
+ *                      (name in an FMU, member, default, exact, min, max, unit, text)
+ *   EFFECT_PARAMETERS  calls ROW for each parameter of an effect (effects.toml), with (REAL,
+ *                      effect, parameter, default, exact, min, max, unit, text, strength,
+ *                      sign, typical min, typical max, negligible). The last five are
+ *                      explained at tse_effect_parameter (tse/describe.h)
+ * settings.c, tse_describe() and the FMUs pass macros that make a table row of a setting.
  * default is the value in tse_config_default(), and exact that in tse_config_exact().
  * Internal to the sources. */
 #ifndef TABLES_SETTINGS_H

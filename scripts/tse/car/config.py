@@ -1,7 +1,7 @@
 """Collect the settings of a run.
 
-Each of these sources overrides those before it: defaults, vehicle file, sampling of the
-log, file of --config, options.
+Each of these sources overrides those before it: defaults, vehicle file, the log (sample
+time, max gap, one or two wheel signals), file of --config, options.
 """
 
 import re

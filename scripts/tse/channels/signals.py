@@ -330,7 +330,8 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
 
 
 def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:
-    """Check the key `name`; return the name of the signal, or of left and right wheel."""
+    """Check the key `name`. Return the name of the signal, or the names of the signals of
+    the left and right wheel."""
     names = [name] if isinstance(name, str) else name
     is_axle = channel in SIDES
     if (

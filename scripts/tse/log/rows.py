@@ -233,7 +233,8 @@ def list_columns() -> list[str]:
 
 
 def list_log_files(path: Path) -> list[Path]:
-    """Return the files of a log: the file itself, or all files of its folder."""
+    """Return the files of a log: the log itself or, if the log is a folder, all files in
+    it and its subfolders."""
     path = Path(path)
     return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
 

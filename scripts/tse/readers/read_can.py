@@ -228,13 +228,14 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times [s] of the values of a signal, and an index.
+        """Return the times [s] of the values of a signal, and an index into its values.
 
-        The index selects the values at these times from the values in all frames with the
-        signal. It is a mask if some frames are not kept, a permutation if the times had
-        to be sorted, else slice(None). `frames`: indices, in the log, of the frames with
-        the signal. `time`, `keep`: as in channels(). `place`: for each kept frame of the
-        log, its index in `time`; None: all frames are kept."""
+        The values are those of all frames with the signal. values[index] belong to the
+        returned times. The index is a mask if some frames are not kept, a permutation if
+        the times had to be sorted, else slice(None). `frames`: indices, in the log, of
+        the frames with the signal. `time`, `keep`: as in channels(). `place`: for each
+        frame of the log, its index in `time` (only valid if the frame is kept); None: all
+        frames are kept."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen

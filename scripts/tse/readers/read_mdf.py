@@ -91,7 +91,7 @@ def _check_chains(path: Path) -> None:
             return
         start = _read_links(path, file, 64, b"##HD")
         chains_left = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
-        met: set[tuple[bytes, int]] = set()  # (expected kind, byte) of each visited block
+        met: set[tuple[bytes, int]] = set()  # (expected kind, position [bytes]) of each visited block
         while chains_left:
             kind, at = chains_left.pop()
             chain: set[int] = set()

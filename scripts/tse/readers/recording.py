@@ -177,7 +177,8 @@ class Growing:
         return np.frombuffer(self._values) if self._values else np.zeros(0)
 
 
-# ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
+# ---- Limits of rows, memory and time: a small compressed file may unpack to far more
+# than the memory holds.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
 # [bytes] least size in a file of: a value of a signal, a row of a table, a frame of a

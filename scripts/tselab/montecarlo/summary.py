@@ -252,8 +252,8 @@ LEGEND = (
 def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
     """Return a table with a row for each pair of case and estimator. Its main columns are
     the number of runs that diverged, the errors of the stiffnesses, the coverage of their
-    95 % intervals, the shares of wrong flags "valid", and the spread, i.e. the estimate
-    of the sd of the true stiffness from sample to sample. LEGEND explains all columns.
+    95 % intervals, the shares of rows whose flag "valid" is wrong, and the spread. LEGEND
+    explains all columns.
 
     `summary`: from summarise()."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)

@@ -50,8 +50,8 @@ from tse.identify.data import COMPARED_CHANNELS
 
 # Min share of the gap (sum of squared residuals above the sensor noise) that all named
 # effects together must close. If they close less, none is named. This is checked only if
-# a formula is searched for, because the user asks for one, or because the named effects
-# leave residuals above the sensor noise.
+# a formula is searched for. It is searched for if the user asks for one, or if the named
+# effects leave residuals above the sensor noise.
 MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
 # Reason that the user reads if an effect that the search has named is not named in the

@@ -67,7 +67,7 @@ class Judged:
     """
 
     effects: tuple[Hypothesis, ...]
-    values: dict[str, float]  # parameter -> fitted value in the simulation
+    values: dict[str, float]  # parameter -> fitted value
     covariance: np.ndarray  # covariance of the values
     evidence: float  # [nat] ln evidence, including ln of the prior odds of the effects
     space: Space | None = None  # None if the set was not fitted
