@@ -1,7 +1,7 @@
 /* paper/learn.c - equations (25), (16), (17): draw w, the relative deviation of each
  * stiffness from its nominal value, given the measurements of the row; update the
- * statistics of w (gamma, nu, mu, Lambda); forget old rows in them. Particles are processed in runs of RUN particles,
- * so that their random numbers stay in the cache. */
+ * statistics of w (gamma, nu, mu, Lambda); forget old rows in them. Particles are
+ * processed in runs of RUN particles, so that their random numbers stay in the cache. */
 #include "paper/paper.h"
 #include "number/random.h"
 
