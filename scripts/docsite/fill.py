@@ -31,31 +31,6 @@ PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", f
 LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}  # language of a code block, by suffix
 
 
-def describe_use(text: str) -> str:
-    """Convert the library's text on how the filters use an effect to Markdown.
-
-    `text`: parts, separated by "; ". Each part becomes a sentence, but settings that are
-    ignored under the same condition are named in one sentence."""
-    use, *rest = text.split("; ")
-    ignored: dict[str, list[str]] = {}  # condition -> the settings that are ignored
-    words = [use]
-    for part in rest:
-        if found := re.fullmatch(r"(\w+) is ignored unless (\w+) is 0", part):
-            ignored.setdefault(found[2], []).append(f"`{found[1]}`")
-        else:
-            words.append(f"it is used {part}" if part.startswith("as ") else part)
-    for other, settings in ignored.items():
-        names = " and ".join(filter(None, [", ".join(settings[:-1]), settings[-1]]))
-        words.append(f"if the setting `{other}` is not 0, the filter does not use {names}")
-    return ". ".join(w[0].upper() + w[1:] if i else w for i, w in enumerate(map(escape_text, words)))
-
-
-def escape_text(text: str) -> str:
-    """Return a text with the special characters of Markdown escaped, except in code."""
-    parts = text.split("`")
-    return "`".join(part if i % 2 else tables.escape_cell(part) for i, part in enumerate(parts))
-
-
 def make_effects() -> str:
     """Return a table of all effects, and a section on each effect."""
     known = tables.library().effects
@@ -89,9 +64,9 @@ def make_effects() -> str:
         facts = [
             f"Model: {tables.find_equation(e.id)}\n",
             f"- acts on: {tables.HOOKS[e.hook]};",
-            f"- shows in: {tables.escape_cell(e.channels.replace('none: ', 'no channel, because '))};",
+            f"- shows in: {tables.escape_cell(e.channels)};",
             f"- looks like: {alike};",
-            f"- estimate: {describe_use(e.estimator)}.\n",
+            f"- estimate: {tables.escape_cell(e.estimator)}.\n",
         ]
         text += [
             f"\n## {e.id}: {e.title}\n",

@@ -423,13 +423,16 @@ def make_constants() -> str:
 
 def make_gap_exit_codes() -> str:
     """Return the table of exit codes of `tselab gap`."""
-    from tse.gaps.run.workflow import DOUBTFUL, EXIT
+    from tse.gaps.infer.hypotheses import NAME_AT
+    from tse.gaps.run.workflow import DOUBTFUL, EXIT, MIN_UNNAMED_PROBABILITY
 
+    sure, possible = 100 * NAME_AT, 100 * MIN_UNNAMED_PROBABILITY
     meanings = {
         "none": "nothing is missing that these logs could show",
-        "named": "at least one effect is missing; each named effect has at least 90 %, at least one has no "
-        "look-alike",
-        DOUBTFUL: "an effect is missing with 50 .. 90 % probability, or each named effect has look-alikes",
+        "named": f"at least one effect is missing; each named effect has at least {sure:.0f} %, at least one "
+        "has no look-alike",
+        DOUBTFUL: f"an effect is missing with {possible:.0f} .. {sure:.0f} % probability, or each named "
+        "effect has look-alikes",
         "not_in_catalogue": "something is missing that the effects of the catalogue do not explain",
     }
     return format_table(
@@ -450,7 +453,7 @@ def find_equation(effect: str) -> str:
     equation.
 
     An indented line of the comment is an equation, and becomes a paragraph in code font.
-    References to functions and states of the code are left out."""
+    """
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
         for f in ("effects_constant.h", "catalogue.h")
@@ -464,8 +467,7 @@ def find_equation(effect: str) -> str:
             paragraph.append(line.strip())
             continue
         if paragraph:
-            words = re.sub(r" \([^()]*(?:\(\)[^()]*)?in \w+\.h\)", "", " ".join(paragraph))
-            made.append(escape_cell(words))
+            made.append(escape_cell(" ".join(paragraph)))
             paragraph = []
         if is_equation:
             made.append(format_code(line.strip()))
